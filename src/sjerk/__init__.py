@@ -1,0 +1,1 @@
+"""sjerk: a motion kernel in Python and C."""
