@@ -1,9 +1,294 @@
-/* The wiring room. */
-#include <stdint.h>
+/* The interpolator, Eqs. (15)-(17), and one cycle of the kernel.
+ *
+ * Time is counted in cycles (T_s = 1), so the bilinear integration is sums and halves only; done in
+ * double-double it is exact far below the last bit of a position. Never here: planning, time,
+ * memory of its own, bit masks of drives.
+ */
+#include <float.h>  /* DBL_EPSILON, for the rounding of levels */
+#include <math.h>   /* fabs, isfinite */
 #include <stddef.h>
+#include <stdint.h>
 #include "_kernel.h"
+#include "_exact.h" /* double-double sums */
 
-int32_t sj_max_axes(void)
+/* ---- Eqs. (15)-(17) -------------------------------------------------------------------------- */
+
+/* One cycle of jerk j[k] from the sample at k-1. */
+static void integrate(sj_interpolator *ip, sj_exact j)
 {
-    return SJ_AXES;
+    sj_exact a, v, q;
+    /* Eq. (15): a[k] = a[k-1] + 0.5 (j[k] + j[k-1]) */
+    a = exact_add(ip->a, exact_half(exact_add(j, ip->j)));
+    /* Eq. (16): v[k] = v[k-1] + 0.5 (a[k] + a[k-1]) */
+    v = exact_add(ip->v, exact_half(exact_add(a, ip->a)));
+    /* Eq. (17): q[k] = q[k-1] + 0.5 (v[k] + v[k-1]) */
+    q = exact_add(ip->q, exact_half(exact_add(v, ip->v)));
+    ip->q = exact_add(q, ip->spread);
+    ip->v = v;
+    ip->a = a;
+    ip->j = j;
+}
+
+void sj_interpolator_start(sj_interpolator *ip, const sj_state *sample)
+{
+    *ip = (sj_interpolator){0};
+    ip->q = exact_of(sample->position);
+    ip->v = exact_of(sample->velocity);
+    ip->a = exact_of(sample->acceleration);
+    ip->goal = sample->position;
+    ip->goal_velocity = sample->velocity;
+    ip->goal_free = 1;
+}
+
+/* ---- the half-cycle lemma -------------------------------------------------------------------- */
+
+/* A = a + j/2,  V = v + a/2,  P = q + v/2 - A/12  (T_s = 1). */
+typedef struct {
+    sj_exact P, V, A;
+} continuous;
+
+static continuous lemma(sj_exact q, sj_exact v, sj_exact a, sj_exact j)
+{
+    continuous plan;
+    plan.A = exact_add(a, exact_half(j));
+    plan.V = exact_add(v, exact_half(a));
+    plan.P = exact_subtract(exact_add(q, exact_half(v)), exact_divide(plan.A, 12.0));
+    return plan;
+}
+
+void sj_lemma_plan(const sj_state *sample, double jerk, sj_state *plan)
+{
+    continuous p = lemma(exact_of(sample->position), exact_of(sample->velocity),
+                         exact_of(sample->acceleration), exact_of(jerk));
+    *plan = (sj_state){p.P.hi, p.V.hi, p.A.hi};
+}
+
+void sj_lemma_sample(const sj_state *plan, double jerk, sj_state *sample)
+{
+    sj_exact a = exact_two_sum(plan->acceleration, -0.5 * jerk);
+    sj_exact v = exact_subtract(exact_of(plan->velocity), exact_half(a));
+    sj_exact q = exact_subtract(exact_of(plan->position), exact_half(v));
+    q = exact_add(q, exact_divide(exact_of(plan->acceleration), 12.0));
+    *sample = (sj_state){q.hi, v.hi, a.hi};
+}
+
+/* ---- loading a plan -------------------------------------------------------------------------- */
+
+/* How far the rounding of a plan may leave its end from the goal, relative to the path. A plan that
+ * is further off was not made for this start. */
+static const double landing_tolerance = 1e-9;
+
+/* The acceleration at the end of a phase, as the planner meant it: zero where only rounding is left. */
+static double level_after(double level, const sj_phase *phase)
+{
+    double change = (double)phase->cycles * phase->jerk;
+    double end = level + change;
+    return fabs(end) <= 16.0 * DBL_EPSILON * fabs(change) ? 0.0 : end;
+}
+
+/* Take over a plan from the present sample: by the lemma the continuous state, then exactly along
+ * the phases; what is missing to the goal at the end is spread over all cycles. The interpolator is
+ * unchanged unless SJ_LOAD_OK is returned. goal_free: the end position is where the phases lead. */
+int32_t sj_interpolator_load(sj_interpolator *ip, const sj_plan *plan, double goal,
+                             double goal_velocity, int32_t goal_free)
+{
+    sj_interpolator next = *ip;
+    continuous at = lemma(ip->q, ip->v, ip->a, ip->j);
+    sj_exact start = at.P;
+    double path = fabs(goal - start.hi), fastest = fmax(fabs(at.V.hi), fabs(goal_velocity));
+    int64_t cycles = 0;
+
+    if (plan->count < 0 || plan->count > SJ_PHASES)
+        return SJ_LOAD_PHASES;
+    for (int32_t i = 0; i < plan->count; i++) {
+        const sj_phase *phase = &plan->phase[i];
+        double n = (double)phase->cycles, end;
+        sj_exact change, twice;
+        if (phase->cycles < 1 || phase->cycles > SJ_CYCLES_MAX - cycles || !isfinite(phase->jerk))
+            return SJ_LOAD_PHASES;
+        end = level_after(at.A.hi, phase);
+        if (i == plan->count - 1) {
+            if (fabs(end) > landing_tolerance * fabs(n * phase->jerk))
+                return SJ_LOAD_MISSES;
+            end = 0.0;
+        }
+        change = exact_subtract(exact_of(end), at.A);
+        next.legs[i].cycles = phase->cycles;
+        next.legs[i].jerk = exact_divide(change, n);
+        /* Eqs. (5), (3) over the phase: P += n V + n^2 (2 A + A_end) / 6,  V += n (A + A_end) / 2 */
+        twice = exact_add(at.A, at.A);
+        at.P = exact_add(at.P, exact_scale(at.V, n));
+        at.P = exact_add(at.P, exact_divide(exact_multiply(exact_two_product(n, n),
+                                                           exact_add(twice, exact_of(end))), 6.0));
+        at.V = exact_add(at.V, exact_half(exact_scale(exact_add(at.A, exact_of(end)), n)));
+        at.A = exact_of(end);
+        cycles += phase->cycles;
+        fastest = fmax(fastest, fabs(at.V.hi));
+        path += n * fastest;
+    }
+    if (cycles != plan->cycles)
+        return SJ_LOAD_PHASES;
+
+    next.spread = exact_of(0.0);
+    if (fabs(at.V.hi - goal_velocity) > landing_tolerance * fastest)
+        return SJ_LOAD_MISSES;
+    if (!goal_free) {
+        /* Lemma, point 2: the sample settles half a cycle of goal_velocity after the plan's end. */
+        sj_exact missing = exact_subtract(exact_two_sum(goal, -0.5 * goal_velocity), at.P);
+        if (!(fabs(missing.hi) <= landing_tolerance * path))
+            return SJ_LOAD_MISSES;
+        next.spread = exact_divide(missing, (double)(cycles + 1));
+    }
+    next.goal = goal;
+    next.goal_velocity = goal_velocity;
+    next.goal_free = goal_free;
+    next.count = plan->count;
+    next.leg = 0;
+    next.left = plan->count > 0 ? next.legs[0].cycles : 0;
+    next.ahead = cycles + 1;
+    *ip = next;
+    return SJ_LOAD_OK;
+}
+
+/* ---- one cycle and many ---------------------------------------------------------------------- */
+
+static void settle(sj_interpolator *ip)
+{
+    if (!ip->goal_free)
+        ip->q = exact_of(ip->goal);
+    ip->v = exact_of(ip->goal_velocity);
+    ip->a = ip->j = ip->spread = exact_of(0.0);
+}
+
+static void count_cycles(sj_interpolator *ip, int64_t cycles)
+{
+    if (ip->ahead > 0) {
+        ip->ahead -= cycles;
+        if (ip->ahead == 0)
+            settle(ip);
+    }
+    if (ip->leg < ip->count) {
+        ip->left -= cycles;
+        if (ip->left == 0 && ++ip->leg < ip->count)
+            ip->left = ip->legs[ip->leg].cycles;
+    }
+}
+
+/* The sample of the next cycle. Returns 1 until the motion has settled, then 0; a settled motion
+ * goes on with its end velocity. */
+int32_t sj_interpolator_step(sj_interpolator *ip)
+{
+    integrate(ip, ip->leg < ip->count ? ip->legs[ip->leg].jerk : exact_of(0.0));
+    count_cycles(ip, 1);
+    return ip->ahead > 0;
+}
+
+enum { BLOCK = 256 }; /* cycles evaluated from one exact anchor */
+
+/* x cut to its upper `bits` bits, and the rest: products of the upper part with small integers are
+ * exact. */
+static sj_exact cut(sj_exact x, int bits)
+{
+    double big = (double)((INT64_C(1) << (53 - bits)) + 1) * x.hi;
+    double top = big - (big - x.hi);
+    return (sj_exact){top, (x.hi - top) + x.lo};
+}
+
+/* n <= BLOCK cycles inside a leg, Eqs. (15)-(17) summed in closed form from the present sample:
+ *   a[m] = a + m j,   v[m] = v + m a + m^2 j/2,   q[m] = q + m (v + j/12) + m^2 a/2 + m^3 j/6
+ * The products of the upper parts are exact (m: 8 bits), their sums carry their error along: each
+ * q[m] is the nearest double of the exact sum, as from single steps. */
+static void fill_block(sj_interpolator *ip, double cycle_time_s, int64_t row, int n,
+                       const sj_table *out)
+{
+    sj_exact j12 = exact_divide(ip->j, 12.0);
+    sj_exact c1 = exact_add(exact_add(ip->v, j12), ip->spread);
+    sj_exact c2 = exact_half(ip->a), c3 = exact_add(j12, j12);
+    sj_exact top1 = cut(c1, 44), top2 = cut(c2, 36), top3 = cut(c3, 28);
+    const double q_hi = ip->q.hi, q_lo = ip->q.lo;
+    const double t1 = top1.hi, t2 = top2.hi, t3 = top3.hi;
+    const double r1 = top1.lo, r2 = top2.lo, r3 = top3.lo;
+    const double T = cycle_time_s, per_T = 1.0 / T, per_T2 = per_T / T, k = (double)row - 1.0;
+    const double v = ip->v.hi * per_T, a = ip->a.hi * per_T2, j = ip->j.hi * per_T2;
+    const double v_a = ip->a.hi * per_T, v_j = 0.5 * ip->j.hi * per_T, jerk = j * per_T;
+    double *restrict time = out->time + row, *restrict position = out->position + row;
+    double *restrict velocity = out->velocity + row, *restrict jerks = out->jerk + row;
+    double *restrict acceleration = out->acceleration + row;
+    double m_n = (double)n;
+    sj_exact squared = exact_of(m_n * m_n), cubed = exact_of(m_n * m_n * m_n);
+
+    for (int i = 0; i < n; i++) {
+        double m = (double)(i + 1), m2 = m * m;
+        sj_exact s1 = exact_two_sum(q_hi, m * t1);
+        sj_exact s2 = exact_two_sum(s1.hi, m2 * t2);
+        sj_exact s3 = exact_two_sum(s2.hi, m2 * m * t3);
+        double low = (s1.lo + s2.lo + s3.lo) + (q_lo + m * (r1 + m * (r2 + m * r3)));
+        position[i] = s3.hi + low;
+        velocity[i] = v + m * (v_a + m * v_j);
+        acceleration[i] = a + m * j;
+        jerks[i] = jerk;
+        time[i] = (k + m) * T;
+    }
+    ip->q = exact_add(ip->q, exact_scale(c1, m_n));
+    ip->q = exact_add(ip->q, exact_multiply(c2, squared));
+    ip->q = exact_add(ip->q, exact_multiply(c3, cubed));
+    ip->v = exact_add(ip->v, exact_scale(ip->a, m_n));
+    ip->v = exact_add(ip->v, exact_half(exact_multiply(ip->j, squared)));
+    ip->a = exact_add(ip->a, exact_scale(ip->j, m_n));
+    count_cycles(ip, n);
+}
+
+static void write_row(const sj_interpolator *ip, double T, int64_t row, const sj_table *out)
+{
+    out->time[row] = (double)row * T;
+    out->position[row] = ip->q.hi;
+    out->velocity[row] = ip->v.hi / T;
+    out->acceleration[row] = ip->a.hi / (T * T);
+    out->jerk[row] = ip->j.hi / (T * T * T);
+}
+
+/* The next cycles as rows first_row .. rows - 1 of a table, in SI units of time. */
+void sj_interpolator_fill(sj_interpolator *ip, double cycle_time_s, int64_t first_row,
+                          const sj_table *out)
+{
+    for (int64_t row = first_row; row < out->rows;) {
+        int64_t inside = ip->leg < ip->count ? ip->left : 0, room = out->rows - row;
+        int n = (int)(inside < BLOCK ? inside : BLOCK);
+        n = room < n ? (int)room : n;
+        /* A leg's first cycle mixes two jerks, its last may settle the motion: single steps. */
+        if (n > 4 && ip->left < ip->legs[ip->leg].cycles) {
+            fill_block(ip, cycle_time_s, row, n, out);
+            row += n;
+        } else {
+            sj_interpolator_step(ip);
+            write_row(ip, cycle_time_s, row, out);
+            row++;
+        }
+    }
+}
+
+/* A whole motion: row 0 the start, rows 1 .. N the cycles, row N + 1 the settled end. `start` and
+ * `end` are samples in SI units of time, the plan is in cycle units. */
+int32_t sj_sample(const sj_plan *plan, const sj_state *start, const sj_state *end,
+                  double cycle_time_s, const sj_table *out)
+{
+    const double T = cycle_time_s;
+    sj_state first = {start->position, start->velocity * T, start->acceleration * T * T};
+    int64_t last = plan->cycles + 1;
+    sj_interpolator ip;
+    int32_t status;
+
+    sj_interpolator_start(&ip, &first);
+    status = sj_interpolator_load(&ip, plan, end->position, end->velocity * T, 0);
+    if (status != SJ_LOAD_OK)
+        return status;
+    sj_interpolator_fill(&ip, T, 1, out);
+    out->time[0] = 0.0;
+    out->position[0] = start->position;
+    out->velocity[0] = start->velocity;
+    out->acceleration[0] = start->acceleration;
+    out->jerk[0] = 0.0;
+    if (out->rows > last)
+        out->velocity[last] = end->velocity; /* not by way of cycle units and back */
+    return SJ_LOAD_OK;
 }
