@@ -8,9 +8,10 @@ interpolator. Unit-free in position; time is in seconds. Never here: clocks, sha
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import product
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -21,6 +22,7 @@ from sjerk.errors import InfeasibleError, InputError, positive, real
 
 FloatArray = NDArray[np.float64]
 
+COLUMNS = ("time", "position", "velocity", "acceleration", "jerk")
 #: Relative slack of the whole-cycle roundings, so that 0.1 / 0.001 is 100 cycles and not 101.
 ROUNDING_SLACK = 1e-11
 #: Cycle counts up to this are exact in every later step.
@@ -81,9 +83,7 @@ class Limits:
             jerk_factor,
             jerk_factor if deceleration_jerk_factor is None else deceleration_jerk_factor,
         )
-        for name, factor in zip(
-            ("jerk_factor", "deceleration_jerk_factor"), factors, strict=True
-        ):
+        for name, factor in zip(("jerk_factor", "deceleration_jerk_factor"), factors, strict=True):
             if positive(name, factor) > 1.0:
                 raise InputError(name, factor, "must lie in (0, 1]")
         v = positive("velocity", velocity)
@@ -230,8 +230,8 @@ class Profile:
         return Samples(time, position, velocity, acceleration, jerk)
 
     @cached_property
-    def _plan(self) -> Any:
-        """The phases as the C core takes them: jerk per cycle^3."""
+    def _c(self) -> tuple[Any, Any, Any]:
+        """Phases (jerk per cycle^3), start and end as the C core takes them."""
         if len(self.phases) > lib.SJ_PHASES:
             raise InputError("phases", len(self.phases), f"at most {lib.SJ_PHASES}")
         plan = ffi.new("sj_plan *")
@@ -239,7 +239,7 @@ class Profile:
         for i, phase in enumerate(self.phases):
             plan.phase[i].cycles = phase.cycles
             plan.phase[i].jerk = phase.jerk * self.cycle_time**3
-        return plan
+        return plan, _c_state(self.start), _c_state(self.end)
 
     def sample(self, out: Samples | None = None) -> Samples:
         """Return what the drive gets, cycle by cycle, Eqs. (15)-(17): N + 2 rows.
@@ -256,26 +256,15 @@ class Profile:
             out = Samples.empty(rows)
         table = ffi.new("sj_table *")
         table.rows = rows
-        columns = []
-        for name in ("time", "position", "velocity", "acceleration", "jerk"):
-            column = getattr(out, name)
-            if column.shape != (rows,) or column.dtype != np.float64:
-                raise InputError(
-                    f"out.{name}", (column.shape, column.dtype), f"must be float64 of shape ({rows},)"
-                )
-            buffer = ffi.from_buffer("double[]", column, require_writable=True)
-            columns.append(buffer)
-            setattr(table, name, buffer)
-        status = lib.sj_sample(
-            self._plan, _c_state(self.start), _c_state(self.end), self.cycle_time, table
-        )
-        if status != lib.SJ_LOAD_OK:
+        columns = [_c_column(name, getattr(out, name), rows) for name in COLUMNS]
+        table.time, table.position, table.velocity, table.acceleration, table.jerk = columns
+        if lib.sj_sample(*self._c, self.cycle_time, table) != lib.SJ_LOAD_OK:
             raise InputError("phases", self.phases, "must lead from start to end in whole cycles")
         return out
 
     def extrema(self) -> Extrema:
         """Return the ranges of the plan, with the peaks inside phases (zeros of A and of V)."""
-        starts, P, V, A, J = self._nodes
+        starts, _P, V, A, J = self._nodes
         times = list(starts)
         for i in range(len(self.phases)):
             length = starts[i + 1] - starts[i]
@@ -302,6 +291,13 @@ def _roots(a: float, b: float, c: float) -> tuple[float, ...]:
         return ()
     q = -0.5 * (b + math.copysign(math.sqrt(square), b))
     return (q / a, c / q) if q != 0.0 else (0.0,)
+
+
+def _c_column(name: str, column: FloatArray, rows: int) -> Any:
+    if column.shape != (rows,) or column.dtype != np.float64:
+        has = (column.shape, str(column.dtype))
+        raise InputError(f"out.{name}", has, f"must be float64 of shape ({rows},)")
+    return ffi.from_buffer("double[]", column, require_writable=True)
 
 
 def _c_state(state: State) -> Any:
@@ -383,7 +379,7 @@ def _distance_at(task: _Task, V: float) -> float:
 
 
 def _V_adj(task: _Task) -> float:
-    """Return the peak velocity of a move too short for V_max, Eq. (14) where both ramps are full."""
+    """Return the peak velocity of a move too short for V_max: Eq. (14) for full ramps."""
     lowest = max(task.V_start, task.V_end)
     if _distance_at(task, task.V_max) <= task.L:
         return task.V_max
@@ -447,14 +443,14 @@ def _levels(task: _Task, n: _Intervals) -> _Levels | None:
         return None
     Acc_max = Dec_max = 0.0
     if Ta:
-        Acc_max = (
-            L - V_start * (2 * T1 + T2 + T4 + T5 + 0.5 * T6) - V_end * (T5 + 0.5 * T6)
-        ) / (Ta * Tc)  # Eq. (11)
+        Acc_max = (L - V_start * (2 * T1 + T2 + T4 + T5 + 0.5 * T6) - V_end * (T5 + 0.5 * T6)) / (
+            Ta * Tc
+        )  # Eq. (11)
     V_max = (L - V_start * (T1 + 0.5 * T2) - V_end * (T5 + 0.5 * T6)) / Tc  # Eq. (12)
     if Td:
-        Dec_max = (
-            V_start * (T1 + 0.5 * T2) + V_end * (T1 + 0.5 * T2 + T4 + 2 * T5 + T6) - L
-        ) / (Td * Tc)  # Eq. (13)
+        Dec_max = (V_start * (T1 + 0.5 * T2) + V_end * (T1 + 0.5 * T2 + T4 + 2 * T5 + T6) - L) / (
+            Td * Tc
+        )  # Eq. (13)
     # An absent ramp leaves the velocity as it is; then the lengths alone must meet the distance.
     scale = max(V_max, V_start, V_end)
     for length, velocity in ((Ta, V_start), (Td, V_end)):
@@ -477,33 +473,44 @@ def _within(task: _Task, n: _Intervals, levels: _Levels | None) -> bool:
     return True
 
 
-def _lengthened(task: _Task, shortest: int) -> _Intervals | None:
-    """Return the shortest intervals from ``shortest`` cycles on that keep the limits.
+def _splits(task: _Task, cycles: int) -> Iterator[_Intervals]:
+    """Ways to divide so many cycles: all of them for a few, else ramps fitted to the peak."""
+    if cycles <= 12:
+        for T1, T5 in product(range(1, cycles // 2), repeat=2):
+            rest = cycles - 2 * T1 - 2 * T5
+            for T2, T6 in product(range(rest + 1), repeat=2):
+                if rest >= T2 + T6:
+                    yield _Intervals(T1, T2, rest - T2 - T6, T5, T6)
+        return
+    V = min(task.L / (cycles * task.T_s), task.V_max)
+    for _ in range(4):
+        ramps = []
+        for velocity, rising in ((task.V_start, task.V_start < V), (task.V_end, task.V_end > V)):
+            limits = (task.Acc_max, task.J_acc) if rising else (task.Dec_max, task.J_dec)
+            ramps.append(_ramp(task, abs(V - velocity), *limits))
+        (T1, T2), (T5, T6) = (ramp if ramp[0] else (1, 0) for ramp in ramps)
+        T4 = cycles - 2 * T1 - T2 - 2 * T5 - T6
+        if T4 < 0:
+            return
+        n = _Intervals(T1, T2, T4, T5, T6)
+        yield n
+        levels = _levels(task, n)
+        assert levels is not None
+        V = max(0.0, min(levels.V_max, task.V_max))
+
+
+def _dip(task: _Task, shortest: int) -> _Intervals | None:
+    """Return intervals of ``shortest`` cycles or a little more that keep the limits.
 
     Needed where whole cycles leave a gap: V_start or V_end > 0 and a peak velocity that the extra
-    fraction of a cycle would push below them. The ramp may then brake before it accelerates.
+    fraction of a cycle pushes below them. The profile then dips: it brakes before it accelerates.
     """
-    for cycles in range(shortest, shortest + 4096):
-        V = task.V_max
-        for _ in range(8):
-            ramps = []
-            for velocity, rising in ((task.V_start, V > task.V_start), (task.V_end, V <= task.V_end)):
-                limits = (task.Acc_max, task.J_acc) if rising else (task.Dec_max, task.J_dec)
-                ramps.append(_ramp(task, abs(V - velocity), *limits))
-            (T1, T2), (T5, T6) = (ramp if ramp[0] else (1, 0) for ramp in ramps)
-            T4 = cycles - 2 * T1 - T2 - 2 * T5 - T6
-            if T4 < 0:
-                V *= 0.75
-                continue
-            n = _Intervals(T1, T2, T4, T5, T6)
-            levels = _levels(task, n)
-            if levels is None or levels.V_max < 0.0:
-                break
-            if _within(task, n, levels):
+    extra = 0
+    while extra <= 64 * shortest + 64:
+        for n in _splits(task, shortest + extra):
+            if _within(task, n, _levels(task, n)):
                 return n
-            V = min(levels.V_max, task.V_max)
-        else:
-            continue
+        extra += 1 + extra // 16
     return None
 
 
@@ -516,10 +523,11 @@ def _solve(task: _Task) -> tuple[_Intervals, _Levels] | None:
     if task.to_cycles is _nearest:
         return (n, levels) if levels is not None and levels.V_max >= 0.0 else None
     if not _within(task, n, levels):
-        longer = _lengthened(task, n.cycles)
-        if longer is None:
+        fewest = max(4, task.to_cycles(task.L / (task.V_max * task.T_s)))
+        found = _dip(task, min(fewest, n.cycles)) or _dip(task, n.cycles)
+        if found is None:
             return None
-        n, levels = longer, _levels(task, longer)
+        n, levels = found, _levels(task, found)
     assert levels is not None
     return n, levels
 
