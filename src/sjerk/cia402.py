@@ -10,6 +10,7 @@ Never here: planning, time, transport.
 from __future__ import annotations
 
 import enum
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from typing import Any, NamedTuple
 
@@ -136,7 +137,7 @@ class Situation(NamedTuple):
     standing: bool = True
 
 
-CONDITIONS = {
+CONDITIONS: dict[str, Callable[[Situation], bool]] = {
     "": lambda s: True,
     "a fault": lambda s: s.fault,
     "power": lambda s: s.power,
@@ -147,7 +148,7 @@ CONDITIONS = {
         s.quick_stop_option == 0 or (s.quick_stop_option < 5 and s.standing)
     ),
     "605Ah = 5..8": lambda s: s.quick_stop_option >= 5,
-    "reset edge, cause gone": lambda s: s.controlword & ~s.previous & 0x80 and not s.cause,
+    "reset edge, cause gone": lambda s: bool(s.controlword & ~s.previous & 0x80) and not s.cause,
 }
 
 _S, _C = State, Command
