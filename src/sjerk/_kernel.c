@@ -300,3 +300,238 @@ int32_t sj_sample(const sj_plan *plan, const sj_state *start, const sj_state *en
         out->velocity[last] = end->velocity; /* not by way of cycle units and back */
     return SJ_LOAD_OK;
 }
+
+/* ---- one cycle: collect, interpolate, drive, publish ----------------------------------------- */
+
+uint64_t sj_command_bytes(int32_t axes)
+{
+    return offsetof(sj_command, axis) + (uint64_t)axes * sizeof(sj_axis_command);
+}
+
+uint64_t sj_feedback_bytes(int32_t axes)
+{
+    return offsetof(sj_feedback, axis) + (uint64_t)axes * sizeof(sj_axis_feedback);
+}
+
+/* 0, or -1: the number of axes is out of range. Then every axis must be set. */
+int32_t sj_kernel_init(sj_kernel *kernel, void *segment, int32_t axes)
+{
+    if (axes < 1 || axes > SJ_AXES)
+        return -1;
+    *kernel = (sj_kernel){0};
+    kernel->segment = segment;
+    kernel->axes = axes;
+    kernel->feedback.axes = axes;
+    kernel->feedback.result_axis = -1;
+    return 0;
+}
+
+/* As sj_drive_init. */
+int32_t sj_kernel_axis(sj_kernel *kernel, int32_t axis, const sj_drive_config *drive,
+                       const sj_limits *limits, double counts_per_unit)
+{
+    sj_axis *ax = &kernel->axis[axis];
+    int32_t status = sj_drive_init(&ax->drive, drive);
+    if (status != 0)
+        return status;
+    ax->limits = *limits;
+    ax->counts_per_unit = counts_per_unit;
+    ax->cycle_time_s = drive->period_s;
+    sj_drive_cycle(&ax->drive, &ax->rx, &ax->tx);
+    ax->actual_counts = ax->tx.position_actual;
+    sj_interpolator_start(&ax->interpolator,
+                          &(sj_state){(double)ax->actual_counts / counts_per_unit, 0.0, 0.0});
+    return 0;
+}
+
+/* While the drive does not follow, the commanded position is the actual one. */
+static void observe(sj_axis *ax)
+{
+    uint32_t change = (uint32_t)ax->tx.position_actual - (uint32_t)ax->actual_counts;
+    ax->actual_counts += (int32_t)change;
+    ax->following = sj_master_follows(ax->tx.statusword);
+    if (!ax->following)
+        sj_interpolator_start(
+            &ax->interpolator,
+            &(sj_state){(double)ax->actual_counts / ax->counts_per_unit, 0.0, 0.0});
+}
+
+static int32_t moving(const sj_axis *ax)
+{
+    return ax->interpolator.ahead > 0 || ax->interpolator.v.hi != 0.0;
+}
+
+/* A jerk-limited way to rest from the commanded state; where it ends is open. */
+static void stop_axis(sj_axis *ax)
+{
+    const sj_interpolator *ip = &ax->interpolator;
+    sj_state sample = {0.0, ip->v.hi, ip->a.hi}, from;
+    sj_plan plan;
+    if (!moving(ax))
+        return;
+    sj_lemma_plan(&sample, ip->j.hi, &from);
+    sj_plan_stop(&from, &ax->limits, &plan);
+    sj_interpolator_load(&ax->interpolator, &plan, ip->q.hi, 0.0, 1);
+}
+
+static int32_t judge(const sj_axis *ax, const sj_axis_command *goal)
+{
+    if (!ax->following)
+        return SJ_RESULT_NOT_FOLLOWING;
+    if (moving(ax))
+        return SJ_RESULT_MOVING;
+    /* beyond 2^52 increments a double no longer tells two of them apart */
+    if (!(fabs(goal->goal * ax->counts_per_unit) < 4503599627370496.0))
+        return SJ_RESULT_RANGE;
+    if (goal->start != ax->interpolator.q.hi)
+        return SJ_RESULT_PLAN;
+    return SJ_RESULT_ACCEPTED;
+}
+
+/* All axes take the goal, or none does. */
+static void take_goal(sj_kernel *kernel, int32_t stopped)
+{
+    const sj_command *command = &kernel->command;
+    sj_feedback *feedback = &kernel->feedback;
+    int32_t result = stopped ? SJ_RESULT_STOPPED : SJ_RESULT_ACCEPTED, refused = -1;
+
+    kernel->goal_id = command->goal_id;
+    for (int32_t i = 0; i < kernel->axes && result == SJ_RESULT_ACCEPTED; i++) {
+        sj_axis *ax = &kernel->axis[i];
+        const sj_axis_command *goal = &command->axis[i];
+        if (!goal->moves)
+            continue;
+        result = judge(ax, goal);
+        if (result == SJ_RESULT_ACCEPTED) {
+            sj_interpolator trial = ax->interpolator;
+            if (sj_interpolator_load(&trial, &goal->plan, goal->goal, goal->goal_velocity, 0) !=
+                SJ_LOAD_OK)
+                result = SJ_RESULT_PLAN;
+        }
+        if (result != SJ_RESULT_ACCEPTED)
+            refused = i;
+    }
+    for (int32_t i = 0; i < kernel->axes && result == SJ_RESULT_ACCEPTED; i++) {
+        const sj_axis_command *goal = &command->axis[i];
+        sj_axis_feedback *out = &feedback->axis[i];
+        if (!goal->moves)
+            continue;
+        sj_interpolator_load(&kernel->axis[i].interpolator, &goal->plan, goal->goal,
+                             goal->goal_velocity, 0);
+        out->goal = goal->goal;
+        out->goal_id = command->goal_id;
+        out->peak_velocity = out->peak_acceleration = out->peak_jerk = 0.0;
+    }
+    feedback->result_goal_id = command->goal_id;
+    feedback->result = result;
+    feedback->result_axis = refused;
+}
+
+static void stop_all(sj_kernel *kernel)
+{
+    for (int32_t i = 0; i < kernel->axes; i++)
+        stop_axis(&kernel->axis[i]);
+}
+
+/* Edges are counters: each is acted on once, whatever was overwritten in between. */
+static void collect(sj_kernel *kernel, uint64_t now_ns)
+{
+    sj_command *command = &kernel->command;
+    int32_t host = sj_shm_host_state(kernel->segment, now_ns);
+    int32_t stopped = kernel->ending;
+
+    if (host != kernel->host_state && host == SJ_HOST_DEAD)
+        stop_all(kernel); /* once; the next host may move on */
+    kernel->host_state = host;
+    if (kernel->ending && kernel->feedback.ending == 0)
+        stop_all(kernel);
+    kernel->feedback.ending = kernel->ending;
+    if (sj_command_collect(kernel->segment, command) == 1) {
+        if (command->stop_count != kernel->stop_count) {
+            kernel->stop_count = command->stop_count;
+            stopped = 1;
+            stop_all(kernel);
+        }
+        if (command->reset_count != kernel->reset_count) {
+            kernel->reset_count = command->reset_count;
+            kernel->reset = 2; /* one cycle low, then the edge */
+        }
+        kernel->enable = command->enable;
+        if (command->goal_id != kernel->goal_id)
+            take_goal(kernel, stopped);
+        kernel->feedback.sequence = command->sequence;
+        kernel->feedback.stop_count = kernel->stop_count;
+        kernel->feedback.reset_count = kernel->reset_count;
+    }
+}
+
+/* A drive is disabled only at rest. */
+static int32_t wanted(const sj_kernel *kernel, const sj_axis *ax)
+{
+    return (kernel->enable && !kernel->ending) || (ax->following && moving(ax));
+}
+
+static void drive(sj_kernel *kernel, sj_axis *ax)
+{
+    double counts = ax->interpolator.q.hi * ax->counts_per_unit;
+    int64_t target = ax->following ? llround(counts) : ax->actual_counts;
+    ax->rx.mode = SJ_MODE_CSP;
+    ax->rx.controlword =
+        sj_master_controlword(ax->tx.statusword, wanted(kernel, ax), kernel->reset == 1);
+    ax->rx.target_position = (int32_t)(uint32_t)(uint64_t)target; /* the counter wraps */
+    sj_drive_cycle(&ax->drive, &ax->rx, &ax->tx);
+}
+
+static void report(const sj_axis *ax, sj_axis_feedback *out)
+{
+    const sj_interpolator *ip = &ax->interpolator;
+    out->position = ip->q.hi;
+    out->velocity = ip->v.hi;
+    out->acceleration = ip->a.hi;
+    out->jerk = ip->j.hi;
+    out->peak_velocity = fmax(out->peak_velocity, fabs(ip->v.hi));
+    out->peak_acceleration = fmax(out->peak_acceleration, fabs(ip->a.hi));
+    out->peak_jerk = fmax(out->peak_jerk, fabs(ip->j.hi));
+    out->actual_position = (double)ax->actual_counts / ax->counts_per_unit;
+    out->actual_velocity = ax->tx.velocity_actual * ax->cycle_time_s / ax->counts_per_unit;
+    out->target_counts = ax->following ? llround(ip->q.hi * ax->counts_per_unit)
+                                       : ax->actual_counts;
+    out->actual_counts = ax->actual_counts;
+    out->following_error = ax->tx.following_error;
+    out->statusword = ax->tx.statusword;
+    out->error_code = ax->tx.error_code;
+    out->moving = ax->following && moving(ax);
+    out->follows = ax->following;
+    out->enabled = sj_master_enabled(ax->tx.statusword);
+    out->fault = sj_master_fault(ax->tx.statusword);
+}
+
+/* Top to bottom in the order of the data. now_ns: the begin of the cycle, any monotonic clock. */
+void sj_kernel_cycle(sj_kernel *kernel, uint64_t now_ns)
+{
+    for (int32_t i = 0; i < kernel->axes; i++)
+        observe(&kernel->axis[i]);
+    collect(kernel, now_ns);
+    for (int32_t i = 0; i < kernel->axes; i++) {
+        sj_axis *ax = &kernel->axis[i];
+        if (ax->following)
+            sj_interpolator_step(&ax->interpolator);
+        drive(kernel, ax);
+        report(ax, &kernel->feedback.axis[i]);
+    }
+    if (kernel->reset > 0)
+        kernel->reset--;
+    kernel->feedback.cycle++;
+    kernel->feedback.time_ns = now_ns;
+    sj_shm_beat_kernel(kernel->segment, now_ns);
+    sj_feedback_publish(kernel->segment, &kernel->feedback);
+}
+
+int32_t sj_kernel_at_rest(const sj_kernel *kernel)
+{
+    for (int32_t i = 0; i < kernel->axes; i++)
+        if ((kernel->axis[i].following && moving(&kernel->axis[i])) ||
+            sj_master_enabled(kernel->axis[i].tx.statusword))
+            return 0;
+    return 1;
+}

@@ -38,6 +38,15 @@ typedef struct {
     sj_phase phase[SJ_PHASES];
 } sj_plan;
 
+/* ---- peers: profile (_profile.c) ------------------------------------------------------------- */
+
+/* Magnitudes, per cycle; the direction of the motion has the first pair, against it the second. */
+typedef struct {
+    double velocity, acceleration, jerk, deceleration, deceleration_jerk;
+} sj_limits;
+
+void sj_plan_stop(const sj_state *from, const sj_limits *limits, sj_plan *plan);
+
 /* ---- peers: handshake (_handshake.c) --------------------------------------------------------- */
 
 /* What the payloads are is the business of the wiring; here they are bytes. */
@@ -486,6 +495,12 @@ void sj_servo_period(sj_servo *servo, const sj_servo_constants *constants,
 /* One period of demand: velocity towards a goal, increments per period and per period^2. */
 void sj_drive_ramp_to(sj_drive *drive, sj_servo_command *command, double goal, double acceleration);
 
+/* The master's side of the words. */
+uint16_t sj_master_controlword(uint16_t statusword, int32_t enable, int32_t reset);
+int32_t sj_master_enabled(uint16_t statusword);                 /* OPERATION ENABLED */
+int32_t sj_master_follows(uint16_t statusword);                 /* enabled and following, bit 12 */
+int32_t sj_master_fault(uint16_t statusword);                   /* FAULT or its reaction */
+
 void sj_verdict_clear(sj_drive_verdict *verdict);
 void sj_verdict_pause(sj_drive_verdict *verdict);               /* the stream is interrupted */
 void sj_verdict_judge(sj_drive *drive, int64_t step);           /* one target followed, pu */
@@ -534,3 +549,107 @@ int32_t sj_sample(const sj_plan *plan, const sj_state *start, const sj_state *en
                   double cycle_time_s, const sj_table *out);
 void    sj_lemma_plan(const sj_state *sample, double jerk, sj_state *plan);
 void    sj_lemma_sample(const sj_state *plan, double jerk, sj_state *sample);
+
+/* One cycle. Command and feedback are what the dual-port RAM carries; its layouts are hashed by
+ * the host (field names, types and offsets). Positions in axis units, time in cycles. */
+
+enum sj_result {                        /* what became of a goal or of a state */
+    SJ_RESULT_NONE = 0,
+    SJ_RESULT_ACCEPTED = 1,
+    SJ_RESULT_MOVING = 2,               /* refused: the axis is in motion */
+    SJ_RESULT_NOT_FOLLOWING = 3,        /* refused: the drive does not follow (bit 12 = 0) */
+    SJ_RESULT_PLAN = 4,                 /* refused: the plan does not start here or misses */
+    SJ_RESULT_RANGE = 5,                /* refused: not a number, or beyond the drive's counter */
+    SJ_RESULT_STOPPED = 6               /* refused: came with a stop, or the kernel is ending */
+};
+
+typedef struct {
+    int32_t moves;                      /* 1: this goal is for this axis */
+    int32_t reserved;
+    double start;                       /* commanded position the plan was made from */
+    double goal, goal_velocity;
+    sj_plan plan;
+} sj_axis_command;
+
+typedef struct {
+    uint64_t sequence;                  /* of this command; echoed */
+    uint64_t goal_id;                   /* a new number is a new goal */
+    uint64_t stop_count, reset_count;   /* a new number is one stop, one fault reset */
+    int32_t enable;
+    int32_t reserved;
+    sj_axis_command axis[64];
+} sj_command;
+
+typedef struct {
+    double position, velocity, acceleration, jerk;      /* commanded sample */
+    double actual_position, actual_velocity;            /* of the encoder; unit and unit/cycle */
+    double peak_velocity, peak_acceleration, peak_jerk; /* of the command since the goal came */
+    double goal;
+    uint64_t goal_id;                   /* goal in execution or done */
+    int64_t target_counts, actual_counts;               /* unwrapped, encoder increments */
+    int32_t following_error;            /* 60F4h */
+    uint16_t statusword, error_code;
+    int32_t moving, follows, enabled, fault;
+} sj_axis_feedback;
+
+enum { SJ_HISTOGRAM_BUCKETS = 400 };
+
+/* Durations in ns: 16 buckets per octave from 64 ns on; `late` counts deadlines that passed. */
+typedef struct {
+    uint64_t count, worst_ns;
+    uint32_t bucket[400];
+} sj_histogram;
+
+typedef struct {
+    uint64_t cycle;                     /* cycles since start */
+    uint64_t time_ns;                   /* CLOCK_MONOTONIC at its begin, 0 in a caller's own loop */
+    uint64_t sequence, stop_count, reset_count;         /* newest taken */
+    uint64_t result_goal_id;            /* goal that `result` is about */
+    uint64_t late;                      /* cycles of the clock that were skipped */
+    int32_t result, result_axis;        /* enum sj_result; axis that refused, or -1 */
+    int32_t axes, ending;
+    sj_histogram latency, period, computing;
+    sj_axis_feedback axis[64];
+} sj_feedback;
+
+typedef struct {
+    sj_interpolator interpolator;
+    sj_drive drive;
+    sj_drive_rx rx;
+    sj_drive_tx tx;
+    sj_limits limits;                   /* of stops; per cycle */
+    double counts_per_unit;
+    double cycle_time_s;
+    int64_t actual_counts;              /* 6064h unwrapped */
+    int32_t following;                  /* the command leads, the drive follows */
+    int32_t reserved;
+} sj_axis;
+
+typedef struct {
+    void *segment;
+    int32_t axes;
+    int32_t ending;                     /* 1: stop, disable, refuse goals */
+    int32_t enable;
+    int32_t reset;                      /* cycles left of a fault reset's edge */
+    int32_t host_state;
+    int32_t reserved;
+    uint64_t stop_count, reset_count, goal_id;
+    sj_command command;
+    sj_feedback feedback;
+    sj_axis axis[64];
+} sj_kernel;
+
+uint64_t sj_command_bytes(int32_t axes);
+uint64_t sj_feedback_bytes(int32_t axes);
+int32_t  sj_kernel_init(sj_kernel *kernel, void *segment, int32_t axes);
+int32_t  sj_kernel_axis(sj_kernel *kernel, int32_t axis, const sj_drive_config *drive,
+                        const sj_limits *limits, double counts_per_unit);
+void     sj_kernel_cycle(sj_kernel *kernel, uint64_t now_ns);
+int32_t  sj_kernel_at_rest(const sj_kernel *kernel);    /* nothing moves, no drive is enabled */
+
+/* ---- wiring: the clock (_clock.c) ------------------------------------------------------------ */
+
+void     sj_clock_run(sj_kernel *kernel, uint64_t period_ns, int32_t *end);
+void     sj_clock_end(int32_t *end);
+uint64_t sj_clock_now_ns(void);
+void     sj_histogram_add(sj_histogram *histogram, uint64_t ns);

@@ -35,6 +35,28 @@ class InfeasibleError(SjerkError, ValueError):
         self.works = works
 
 
+class RefusedError(SjerkError):
+    """The kernel refused a goal: ``code`` (``enum sj_result``), ``reason``, ``axis`` or -1."""
+
+    def __init__(self, code: int, reason: str, axis: int) -> None:
+        super().__init__(f"refused by axis {axis}: {reason}" if axis >= 0 else f"refused: {reason}")
+        self.code = code
+        self.reason = reason
+        self.axis = axis
+
+
+class MotionStoppedError(SjerkError):
+    """A move ended elsewhere: stopped or replaced. ``positions`` by axis."""
+
+    def __init__(self, positions: dict[int, float]) -> None:
+        super().__init__(f"stopped or replaced before the goal, commanded positions {positions}")
+        self.positions = positions
+
+
+class KernelGoneError(SjerkError):
+    """The kernel's process has ended."""
+
+
 class HandshakeError(SjerkError):
     """A segment cannot be used. ``name`` is the kernel name it was asked for by."""
 
