@@ -102,7 +102,7 @@ class AxisFeedback:
 
 @dataclass(frozen=True)
 class Distribution:
-    """A duration over all cycles, seconds. Buckets are 6 % wide; ``worst`` is exact."""
+    """A duration over all cycles, seconds. Interpolated in buckets of 6 %; ``worst`` is exact."""
 
     count: int
     median: float
@@ -114,17 +114,19 @@ class Distribution:
     def of(cls, histogram: Any) -> Distribution:
         """Read a ``sj_histogram``."""
         count, worst = int(histogram.count), histogram.worst_ns * 1e-9
-        cuts = []
+        cuts: list[float] = []
+        buckets = list(histogram.bucket)
         for share in (0.5, 0.99, 0.999):
-            seen, upper = 0, worst
-            for i, n in enumerate(histogram.bucket):
-                seen += n
-                if count and seen >= share * count:
+            below, value = 0, worst
+            for i, n in enumerate(buckets):
+                if n and below + n >= share * count:
                     octave, step = divmod(i, 16)
-                    upper = 64e-9 * 2.0**octave * (1.0 + (step + 1) / 16.0)
+                    inside = (share * count - below) / n  # evenly within the bucket
+                    value = 64e-9 * 2.0**octave * (1.0 + (step + inside) / 16.0)
                     break
-            cuts.append(min(upper, worst))
-        return cls(count, *cuts, worst)
+                below += n
+            cuts.append(min(value, worst))
+        return cls(count, cuts[0], cuts[1], cuts[2], worst)
 
 
 @dataclass(frozen=True)
@@ -387,8 +389,9 @@ class Host:
         if self._cyclic:
             n = range(len(self._limits))
             self._wait_until(
-                lambda frame: frame.stop_count >= count
-                and not any(frame.axis[i].moving for i in n),
+                lambda frame: (
+                    frame.stop_count >= count and not any(frame.axis[i].moving for i in n)
+                ),
                 timeout,
                 "the stop",
             )
@@ -419,13 +422,13 @@ class Host:
     def _targets(self, target: float | Sequence[float] | dict[int, float]) -> dict[int, float]:
         axes = len(self._limits)
         if isinstance(target, dict):
-            wanted = dict(target)
+            wanted: dict[int, Any] = dict(target)
         elif isinstance(target, Sequence) and not isinstance(target, str):
             if len(target) != axes:
                 raise InputError("target", target, f"must have one position per axis ({axes})")
             wanted = dict(enumerate(target))
         elif axes == 1:
-            wanted = {0: target}  # type: ignore[dict-item]
+            wanted = {0: target}
         else:
             raise InputError("target", target, f"must name positions for {axes} axes")
         for i in wanted:

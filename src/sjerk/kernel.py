@@ -109,6 +109,7 @@ class MotionKernel:
                 [sys.executable, "-c", "from sjerk.kernel import serve; serve()"],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
+                start_new_session=True,  # Ctrl-C is the host's to turn into a stop
             )
             assert self._process.stdin is not None
             assert self._process.stdout is not None
@@ -202,7 +203,7 @@ def serve() -> None:
     def terminate(*_: object) -> None:
         raise _EndError
 
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the host's to turn into a stop
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, terminate)
     name, axes, cycle_time = pickle.load(sys.stdin.buffer)
     with Segment.attach(name, layout(len(axes)), role="kernel") as segment:
