@@ -16,4 +16,5 @@ settings.register_profile(
 settings.register_profile(
     "big", derandomize=False, deadline=None, max_examples=20_000, print_blob=True
 )
+settings.register_profile("small", settings.get_profile("default"), max_examples=30)
 settings.load_profile(os.environ.get("SJERK_HYPOTHESIS", "default"))

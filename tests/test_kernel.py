@@ -116,7 +116,7 @@ def test_no_drive_no_goal() -> None:
 
 
 def test_a_stop_is_jerk_limited_at_every_moment_of_a_move() -> None:
-    """Stopped in each 17th cycle: limits kept, at rest, and short of the goal."""
+    """Stopped in each 17th cycle: limits kept, at rest, and not beyond the goal."""
     length = scurve(20.0, LIMITS, T).cycles
     for at in range(1, length - 20, 17):
         kernel, host = stepped()
@@ -131,8 +131,10 @@ def test_a_stop_is_jerk_limited_at_every_moment_of_a_move() -> None:
                 break
         differences(positions, Limits(90.0, 500.0, 5000.0))
         assert not host.feedback().moving
-        assert move.state is MoveState.STOPPED
-        assert positions[-1] < 20.0
+        # in its last ramp the move's own end is the fastest stop
+        assert move.state is (MoveState.DONE if positions[-1] == 20.0 else MoveState.STOPPED)
+        assert positions[-1] <= 20.0
+        assert positions[-1] < 20.0 or at > length - 110
 
 
 def test_the_drive_counter_wraps_and_the_position_goes_on() -> None:

@@ -527,6 +527,12 @@ void sj_kernel_cycle(sj_kernel *kernel, uint64_t now_ns)
     sj_feedback_publish(kernel->segment, &kernel->feedback);
 }
 
+void sj_kernel_cycles(sj_kernel *kernel, int64_t cycles)
+{
+    while (cycles-- > 0)
+        sj_kernel_cycle(kernel, 0);
+}
+
 int32_t sj_kernel_at_rest(const sj_kernel *kernel)
 {
     for (int32_t i = 0; i < kernel->axes; i++)

@@ -645,6 +645,7 @@ int32_t  sj_kernel_init(sj_kernel *kernel, void *segment, int32_t axes);
 int32_t  sj_kernel_axis(sj_kernel *kernel, int32_t axis, const sj_drive_config *drive,
                         const sj_limits *limits, double counts_per_unit);
 void     sj_kernel_cycle(sj_kernel *kernel, uint64_t now_ns);
+void     sj_kernel_cycles(sj_kernel *kernel, int64_t cycles); /* in a caller's own loop */
 int32_t  sj_kernel_at_rest(const sj_kernel *kernel);    /* nothing moves, no drive is enabled */
 
 /* ---- wiring: the clock (_clock.c) ------------------------------------------------------------ */

@@ -69,7 +69,7 @@ class Layout:
     by the same sizes do not meet.
 
     >>> Layout(command_bytes=512, feedback_bytes=512).size
-    32768
+    28672
     """
 
     command_bytes: int

@@ -153,13 +153,13 @@ class MotionKernel:
 
     # ---- the caller's own loop
 
-    def step(self) -> None:
-        """One cycle in the caller's own loop: collect, interpolate, drive, publish."""
+    def step(self, cycles: int = 1) -> None:
+        """One cycle in the caller's own loop, or many: collect, interpolate, drive, publish."""
         if self._process is not None:
             raise SjerkError("the kernel runs in its process: step() is for a kernel without one")
         if self._segment is None:
             self.host()
-        lib.sj_kernel_cycle(self._kernel, 0)
+        lib.sj_kernel_cycles(self._kernel, cycles)
 
 
 def _build(axes: Sequence[Axis], cycle_time: float, base: Any) -> Any:
