@@ -28,7 +28,7 @@ from sjerk import (
     plan,
     scurve,
 )
-from sjerk._binding import lib
+from sjerk._binding import ffi, lib
 from sjerk.cia402 import ControlWord, State
 
 T = 1e-3
@@ -235,7 +235,7 @@ def test_a_command_that_was_forged_is_refused_by_the_kernel() -> None:
     def send(goal: float, velocity: float, limit: float) -> int:
         entry = host._command.axis[0]
         entry.moves, entry.goal, entry.goal_velocity = 1, goal, velocity
-        entry.limits = LIMITS._per_cycle(T)[0]
+        ffi.memmove(ffi.addressof(entry, "limits"), LIMITS._per_cycle(T), 40)
         entry.limits.jerk = limit
         host._command.goal_id += 1
         host._publish()

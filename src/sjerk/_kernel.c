@@ -278,12 +278,13 @@ void sj_interpolator_fill(sj_interpolator *ip, double cycle_time_s, int64_t firs
     }
 }
 
-/* A whole motion: row 0 the start, rows 1 .. N the cycles, row N + 1 the settled end. `start` and
- * `end` are samples in SI units of time, the plan is in cycle units. */
-int32_t sj_sample(const sj_plan *plan, const sj_state *start, const sj_state *end,
-                  double cycle_time_s, const sj_table *out)
+/* A whole motion: row 0 the start, rows 1 .. N the cycles, row N + 1 the settled end. `from` and `to`
+ * are samples (sj_state) in SI units of time, the plan is in cycle units. */
+int32_t sj_sample(const sj_plan *plan, const void *from, const void *to, double cycle_time_s,
+                  const sj_table *out)
 {
     const double T = cycle_time_s;
+    const sj_state *start = from, *end = to;
     sj_state first = {start->position, start->velocity * T, start->acceleration * T * T};
     int64_t last = plan->cycles + 1;
     sj_interpolator ip;

@@ -432,7 +432,7 @@ class Host:
             if i in targets:
                 entry.goal = targets[i].position
                 entry.goal_velocity = targets[i].velocity * self._T
-                entry.limits = own[i]._per_cycle(self._T)[0]
+                ffi.memmove(ffi.addressof(entry, "limits"), own[i]._per_cycle(self._T), 40)
         command.goal_id += 1
         self._publish()
         return Move(self, int(command.goal_id), targets)
