@@ -1,9 +1,9 @@
 """The protocols of the dual-port RAM as small machines, and a search through all their runs.
 
-Written from the protocols, not from the C: one action per load or store of a shared word, a payload
-of two halves. Every machine may be killed before any of its actions and begins again as the real
-side does. The model is sequentially consistent; that the C orders its stores as the model does is the
-business of ThreadSanitizer and of handshake_steps.c.
+Written from the protocols, not from the C: one action per load or store of a shared word, a
+payload of two halves. Every machine may be killed before any of its actions and begins again as the
+real side does. The model is sequentially consistent; that the C orders its stores as the model does
+is the business of ThreadSanitizer and of handshake_steps.c.
 
 Each protocol has a broken twin, so that the search is seen to be able to find something.
 """
@@ -17,7 +17,7 @@ State = Any
 Successors = Callable[[Any], Iterable[Any]]
 
 
-class Violation(AssertionError):
+class ViolationError(AssertionError):
     """A state that must not be; ``steps`` is the shortest way to it."""
 
     def __init__(self, what: str, steps: int) -> None:
@@ -26,7 +26,7 @@ class Violation(AssertionError):
 
 
 def explore(start: State, successors: Successors, wrong: Callable[[Any], str | None]) -> int:
-    """Visit every reachable state, nearest first; the number of states. Raises Violation."""
+    """Visit every reachable state, nearest first; the number of states. Raises ViolationError."""
     seen = {start}
     front = [start]
     steps = 0
@@ -35,7 +35,7 @@ def explore(start: State, successors: Successors, wrong: Callable[[Any], str | N
         for state in front:
             what = wrong(state)
             if what:
-                raise Violation(f"{what}: {state}", steps)
+                raise ViolationError(f"{what}: {state}", steps)
             for new in successors(state):
                 if new not in seen:
                     seen.add(new)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import pytest
+
 from handshake_models import (
     LEGAL,
     Command,
     Exchange,
     Latch,
     Ring,
-    Violation,
+    ViolationError,
     collected,
     command_successors,
     command_wrong,
@@ -21,7 +22,6 @@ from handshake_models import (
     ring_successors,
     ring_wrong,
 )
-
 from sjerk._binding import ffi, lib
 from sjerk.handshake import Layout, Segment
 
@@ -53,38 +53,38 @@ def test_no_run_of_the_ring_tears_loses_or_doubles(most: int, kills: int) -> Non
 
 def test_private_indices_tear_after_a_restart() -> None:
     """The exchange that keeps its indices to itself is found out within 12 steps."""
-    with pytest.raises(Violation, match="torn") as caught:
+    with pytest.raises(ViolationError, match="torn") as caught:
         explore(Exchange(), exchange_successors, lambda s: s.bad or None)
     assert caught.value.steps <= 12
 
 
 def test_a_kernel_that_clears_after_its_epoch_loses_a_command() -> None:
     """The order of the two stores of a restart matters."""
-    with pytest.raises(Violation, match="lost"):
+    with pytest.raises(ViolationError, match="lost"):
         explore(Command(), command_successors(2, 1, clear_last=True), command_wrong)
 
 
 def test_without_the_stamp_a_new_kernel_obeys_a_command_for_the_old() -> None:
     """Clearing `fresh` alone does not keep a late command away from the new kernel."""
-    with pytest.raises(Violation, match="meant for another kernel"):
+    with pytest.raises(ViolationError, match="meant for another kernel"):
         explore(Command(), command_successors(2, 1, stamped=False), command_wrong)
 
 
 def test_a_latch_without_its_mark_tears() -> None:
     """The 0 before the payload is what protects a reader that is overtaken."""
-    with pytest.raises(Violation, match="torn"):
+    with pytest.raises(ViolationError, match="torn"):
         explore(Latch(), latch_successors(5, 1, mark=False), lambda s: s.bad or None)
 
 
 def test_a_flush_by_counter_alone_loses_later_records() -> None:
     """A flush must say how far it reaches."""
-    with pytest.raises(Violation, match="lost"):
+    with pytest.raises(ViolationError, match="lost"):
         explore(Ring(), ring_successors(4, 0, mark=False), ring_wrong)
 
 
 def test_without_the_stamp_a_new_kernel_takes_records_for_the_old() -> None:
     """Moving the tail alone does not keep a late batch away from the new kernel."""
-    with pytest.raises(Violation, match="meant for another kernel"):
+    with pytest.raises(ViolationError, match="meant for another kernel"):
         explore(Ring(), ring_successors(3, 1, stamped=False), ring_wrong)
 
 

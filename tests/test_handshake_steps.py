@@ -92,7 +92,8 @@ MUTANTS = {
     ),
     "the count moves before the slot is whole": (
         "feedback",
-        ("    store(&at->number, 0);\n", "    release(count, number);\n    store(&at->number, 0);\n"),
+        ("    store(&at->number, 0);\n",
+         "    release(count, number);\n    store(&at->number, 0);\n"),
     ),
     "an event reader keeps to the slot under the pen": (
         "event",

@@ -214,8 +214,8 @@ def _same_file(fd: int, path: str) -> bool:
 
 
 def _open(name: str, path: str, flags: int) -> int:
-    try:
-        return os.open(path, flags | os.O_NOFOLLOW | os.O_CLOEXEC)
+    try:  # not blocking: somebody may have put a pipe there
+        return os.open(path, flags | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
     except FileNotFoundError:
         raise errors.SegmentMissingError(
             f"no segment {name!r}: no kernel of this name is running", name=name
