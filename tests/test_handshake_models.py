@@ -93,7 +93,7 @@ def test_without_the_stamp_a_new_kernel_takes_records_for_the_old() -> None:
 
 def poke(segment: Segment, value: int | None = None) -> int:
     """The command word in memory, after setting it."""
-    at = ffi.cast("uint32_t *", segment.base + lib.SJ_SHM_COMMAND)
+    at = ffi.cast("uint32_t *", ffi.cast("char *", segment.base) + lib.SJ_SHM_COMMAND)
     if value is not None:
         at[0] = value
     return int(at[0])

@@ -239,6 +239,11 @@ def test_no_change_of_the_header_goes_unnoticed(at: int, change: int) -> None:
 # ---- what happens to a segment in use -----------------------------------------------------------
 
 
+def memory(segment: Segment) -> Any:
+    """The segment byte by byte."""
+    return ffi.cast("char *", segment.base)
+
+
 def slot(area: int, stride: int, index: int) -> int:
     """Where the first payload byte of a slot lies."""
     return area + stride * index + 64
@@ -249,7 +254,7 @@ def test_a_writer_without_the_lock_is_found_by_the_checksum() -> None:
     out = ffi.new("char[16]")
     with Segment.private(LAYOUT) as segment:
         assert lib.sj_command_publish(segment.base, b"0123456789abcdef") == 0
-        segment.base[slot(lib.SJ_SHM_SLOTS, 128, 0) + 5] = b"X"
+        memory(segment)[slot(lib.SJ_SHM_SLOTS, 128, 0) + 5] = b"X"
         assert lib.sj_command_collect(segment.base, out) == lib.SJ_SHM_CORRUPT_DATA
         with pytest.raises(errors.SegmentCorruptError, match="without the lock"):
             raise_for_status(lib.SJ_SHM_CORRUPT_DATA)
@@ -264,7 +269,7 @@ def test_a_spoilt_record_stops_the_ring_until_it_is_flushed() -> None:
     with Segment.private(LAYOUT) as segment:
         base = segment.base
         assert lib.sj_ring_publish(base, b"x" * 32, 2) == 1
-        base[slot(ring, 128, 0)] = b"y"
+        memory(segment)[slot(ring, 128, 0)] = b"y"
         for _ in range(3):
             assert lib.sj_ring_take(base, out) == lib.SJ_SHM_CORRUPT_DATA
         lib.sj_ring_flush(base)
@@ -277,7 +282,7 @@ def test_an_impossible_ring_counter_is_corruption() -> None:
     """A head beyond the ring is not believed."""
     out = ffi.new("char[16]")
     with Segment.private(LAYOUT) as segment:
-        ffi.cast("uint64_t *", segment.base + lib.SJ_SHM_HOST + 384)[0] = 10**9
+        ffi.cast("uint64_t *", memory(segment) + lib.SJ_SHM_HOST + 384)[0] = 10**9
         assert lib.sj_ring_take(segment.base, out) == lib.SJ_SHM_CORRUPT_COUNTER
         assert lib.sj_ring_publish(segment.base, b"x" * 16, 1) == lib.SJ_SHM_CORRUPT_COUNTER
         assert lib.sj_ring_waiting(segment.base) == 0

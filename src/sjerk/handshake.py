@@ -393,17 +393,17 @@ def _make_room(name: str, replace_stale: bool) -> None:
         os.close(fd)
 
 
-def _finish(base: Any, carrier: Any, fd: int, role: Role) -> None:
+def _finish(export: Any, carrier: Any, fd: int, role: Role) -> None:
     """Leave in order. The exports go first: a SharedMemory with exports refuses to close."""
     if role == "host":
-        lib.sj_shm_leave_host(base)
+        lib.sj_shm_leave_host(export)
     elif role == "kernel":
-        lib.sj_shm_leave_kernel(base)
-    _release(base, carrier, fd)
+        lib.sj_shm_leave_kernel(export)
+    _release(export, carrier, fd)
 
 
-def _release(base: Any, carrier: Any, fd: int) -> None:
-    ffi.release(base)
+def _release(export: Any, carrier: Any, fd: int) -> None:
+    ffi.release(export)
     carrier.close()
     if fd >= 0:
         os.close(fd)  # and with it every lock
@@ -433,8 +433,10 @@ class Segment:
         self._fd = fd
         self._created = False
         self._state: Literal["open", "closed", "forked"] = "open"
-        self._base = ffi.from_buffer("char[]", carrier.buf)
-        self._finalizer = weakref.finalize(self, _finish, self._base, carrier, fd, role)
+        export = ffi.from_buffer("char[]", carrier.buf)
+        self._export = export
+        self._base = ffi.cast("void *", export)  # a pointer crosses into C faster than an array
+        self._finalizer = weakref.finalize(self, _finish, export, carrier, fd, role)
         _living.add(self)
 
     # ---- making -----------------------------------------------------------------------------
@@ -585,7 +587,7 @@ class Segment:
 
     @property
     def base(self) -> Any:
-        """The memory, for the C calls. Do not keep it beyond :meth:`close`.
+        """The memory as ``void *``, for the C calls. Do not keep it beyond :meth:`close`.
 
         Raises SegmentClosedError, and ForkedError in a process that inherited the segment by fork.
         """
@@ -649,7 +651,7 @@ class Segment:
         if self._state == "open":
             self._state = "forked"
             self._finalizer.detach()
-            _release(self._base, self._carrier, self._fd)
+            _release(self._export, self._carrier, self._fd)
 
 
 def _after_fork() -> None:
