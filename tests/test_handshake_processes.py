@@ -281,8 +281,9 @@ def test_a_killed_kernel_is_replaced_and_old_commands_are_not_obeyed(name: str) 
                 lib.sj_command_publish(host.base, command(2)),
                 lib.sj_ring_publish(host.base, record, 1),
             ):
-                with pytest.raises(errors.KernelRestartedError):
-                    raise_for_status(status, name)
+                with pytest.raises(errors.KernelRestartedError) as caught:
+                    host.check(status)
+                assert caught.value.epoch == 2
             assert lib.sj_shm_address(host.base) == 2
             assert lib.sj_command_publish(host.base, command(3)) == 0
             assert collect(kernel) == command(3)
@@ -346,3 +347,23 @@ def test_clean_leaves_files_that_are_no_segments(name: str) -> None:
     found = [info for info in clean() if info.name == name]
     assert [(info.removed, info.problem) for info in found] == [(False, "not a segment of sjerk")]
     path.unlink()
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can become somebody else")
+def test_a_stranger_neither_opens_nor_removes_it(name: str) -> None:
+    """Another user is refused with the owner's number, and clean() lists without removing."""
+    with Segment.create(name, LAYOUT):
+        done = script(
+            """
+            os.setgid(65534)
+            os.setuid(65534)
+            for role in ("host", "monitor"):
+                try:
+                    Segment.attach(sys.argv[1], role=role)
+                except errors.SegmentOwnerError as error:
+                    print(error.uid)
+            print([info.removed for info in clean() if info.name == sys.argv[1]])
+            """,
+            name,
+        )
+        assert (done.stdout.split(), done.stderr) == (["0", "0", "[False]"], "")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import doctest
 import errno
 import os
 import secrets
@@ -14,7 +15,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sjerk import errors
+from sjerk import errors, handshake
 from sjerk._binding import ffi, lib
 from sjerk.handshake import Layout, Segment, raise_for_status
 
@@ -214,6 +215,25 @@ def test_what_is_no_file_is_refused(name: str, kind: str) -> None:
                 Segment.attach(name, LAYOUT, role=role)
     finally:
         path.rmdir() if kind == "folder" else path.unlink()
+
+
+def test_another_version_is_named(path: Path, name: str) -> None:
+    """The error says which layout was found and which can be read."""
+    spoil(path, 8, b"\7\0\0\0\3")
+    with pytest.raises(errors.SegmentVersionError, match=r"layout 7\.3, .* reads 1\.x"):
+        Segment.attach(name, LAYOUT, role="host")
+
+
+def test_python_and_c_agree_on_the_magic() -> None:
+    """What clean() looks for is what format writes."""
+    assert formatted().startswith(handshake._MAGIC)
+
+
+def test_the_examples_in_the_docstrings_run() -> None:
+    """Doctests of the room."""
+    tried = doctest.testmod(handshake)
+    assert tried.attempted > 0
+    assert tried.failed == 0
 
 
 @DETERMINISTIC

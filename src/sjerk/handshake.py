@@ -48,6 +48,7 @@ Role = Literal["owner", "host", "monitor", "kernel"]
 
 _FOLDER = "/dev/shm"
 _PREFIX = "sjerk-"
+_MAGIC = b"sjerk-m\n"  # the first bytes of every segment, of whatever version
 _UNBORN = ".unborn"  # suffix of a segment that is not yet whole
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")
 _LONGEST_NAME = 200  # file names end at 255 bytes
@@ -69,7 +70,7 @@ class Layout:
     by the same sizes do not meet.
 
     >>> Layout(command_bytes=512, feedback_bytes=512).size
-    32768
+    28672
     """
 
     command_bytes: int
@@ -296,7 +297,7 @@ class _Private:
 
 
 def _birth(name: str, unborn: str, layout: Layout, gid: int | None) -> int:
-    """Make a whole segment under a name that nobody asks for; its descriptor, locked."""
+    """Make a whole segment under a name that nobody asks for; its locked descriptor, or -1."""
     size = layout.size
     try:
         carrier = _shared_memory(_PREFIX + unborn, create=True, size=size)
@@ -307,7 +308,9 @@ def _birth(name: str, unborn: str, layout: Layout, gid: int | None) -> int:
     fd = -1
     try:
         fd = _open(name, _path(unborn), os.O_RDWR)
-        _lock(fd, fcntl.F_RDLCK, _PRESENT)
+        if not _lock(fd, fcntl.F_RDLCK, _PRESENT):  # clean() has it already: begin again
+            os.close(fd)
+            return -1
         # Now, so that a full file system is an error here and not a bus error in the cycle.
         os.posix_fallocate(fd, 0, size)
         if gid is not None:
@@ -352,7 +355,16 @@ def _check_file(fd: int, name: str, any_owner: bool) -> None:
 
 def _check_content(base: Any, name: str, layout: Layout | None) -> Layout:
     config = ffi.NULL if layout is None else layout.config()
-    raise_for_status(lib.sj_shm_check(base, len(base), config), name)
+    status = lib.sj_shm_check(base, len(base), config)
+    if status == lib.SJ_SHM_VERSION:
+        found = lib.sj_shm_read_version(base, len(base))
+        raise errors.SegmentVersionError(
+            f"segment {name!r} has layout {found >> 16}.{found & 0xFFFF}, "
+            f"this version of sjerk reads {lib.SJ_SHM_MAJOR}.x",
+            name=name,
+            status=status,
+        )
+    raise_for_status(status, name)
     if layout is not None:
         return layout
     config = ffi.new("sj_shm_config *")
@@ -466,6 +478,8 @@ class Segment:
         while True:
             unborn = f"{name}{_UNBORN}-{os.getpid()}-{time.monotonic_ns()}"
             fd = _birth(name, unborn, layout, gid)
+            if fd < 0:
+                continue
             carrier: Any = None
             try:
                 if not _same_file(fd, _path(unborn)):  # clean() came between creation and lock
@@ -603,6 +617,21 @@ class Segment:
                 name=self._name,
             )
         raise errors.SegmentClosedError(f"segment {self._name!r} is closed", name=self._name)
+
+    def check(self, status: int) -> int:
+        """Return a status of a C call that is >= 0; raise the error of one that is not.
+
+        KernelRestartedError carries the epoch of the new kernel. What it knew of positions, goals
+        and records is gone: read the feedback, then ``sj_shm_address`` it to speak to it.
+        """
+        if status == lib.SJ_SHM_KERNEL_RESTARTED:
+            epoch = int(lib.sj_shm_kernel_epoch(self.base))
+            raise errors.KernelRestartedError(
+                f"kernel {self._name!r} has been restarted (epoch {epoch})",
+                name=self._name,
+                epoch=epoch,
+            )
+        return raise_for_status(status, self._name)
 
     def host_lives(self) -> bool:
         """Whether a living process is host. Looks at the lock only: a silent host lives."""
@@ -772,4 +801,4 @@ def _look_at(name: str, dry_run: bool, any_owner: bool) -> SegmentInfo:
 
 def _ours(fd: int) -> bool:
     """Whether the content begins as a segment does, of whatever version or state."""
-    return os.pread(fd, 8, 0) == b"sjerk-m\n"
+    return os.pread(fd, len(_MAGIC), 0) == _MAGIC
