@@ -699,7 +699,7 @@ class HostWatch:
 
     The kernel process keeps one while it runs; ``sj_shm_host_state`` then tells the cycle. A
     thread, so the cycle must run without the interpreter lock; without one, call :meth:`look` now
-    and then.
+    and then. Leave it before the segment is closed.
     """
 
     def __init__(self, segment: Segment, *, period_s: float = 0.002) -> None:
@@ -721,7 +721,7 @@ class HostWatch:
         return lives
 
     def _run(self) -> None:
-        while not self._end.wait(self._period_s):
+        while not self._end.wait(self._period_s) and not self._segment.closed:
             self.look()
 
     def __enter__(self) -> Self:

@@ -251,10 +251,11 @@ class Stress:
                 arrives = self.beyond(1, "got", self.get(1, "got"))
                 host = self.start(0, "host", "peer_host", 2**63)
                 if not (self.wait(writes) and self.wait(arrives)):
+                    if self.over():
+                        self.kill(host)
+                        break
                     print(f"stress: stuck: {host}, {list(self.counters[: 2 * BLOCK])}")
                     self.kill(host)
-                    if self.over():
-                        break
                     stuck += 1
                     continue
                 attempts += 1
@@ -272,7 +273,7 @@ class Stress:
                 host.join()
                 self.children.remove(host)
                 if not self.wait(goes_on):
-                    stuck += 1
+                    stuck += not self.over()
                 half += lib.sj_command_published(segment.base) > self.get(1, "last")
                 done += 1
                 self.say("kills of the host", done, most)
@@ -283,6 +284,9 @@ class Stress:
         row.notes.append(f"{stuck} stuck, {half} of the kills left a command half-written")
         row.notes.append(f"second writers refused: {refused} of {attempts}")
         recovery.sort()
+        if not recovery:
+            row.good = False
+            return row
         row.notes.append(
             f"lock free after the kill: median {1e3 * statistics.median(recovery):.2f} ms, "
             f"p99 {1e3 * recovery[int(0.99 * len(recovery))]:.2f} ms"
