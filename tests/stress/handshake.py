@@ -389,35 +389,67 @@ class Stress:
             f"frames, {count} monitors", sum(self.get(b, "got") for b in blocks), blocks
         )
 
-        quiet, busy = [], []
+        quiet: list[int] = []
+        busy: list[int] = []
         for _ in range(2):  # in turns, so that a drift of the machine meets both
             quiet += self.paced(cycles // 2, 0)
             busy += self.paced(cycles // 2, count)
-        row = Row("cyclic kernel beside 8 monitors", len(quiet) + len(busy))
-        (a50, a99), (b50, b99) = map(quantiles, (quiet, busy))
-        row.torn = self.torn
+        return [full, self.compare(f"cyclic kernel, {count} monitors", quiet, busy)]
+
+    def dying(self, cycles: int) -> Row:
+        """The cycle of a kernel whose host lives, and of one whose hosts are killed."""
+        living: list[int] = []
+        killed: list[int] = []
+        kills = 0
+        for _ in range(2):
+            living += self.paced(cycles // 2, 0, "host")
+            begun = self.kills
+            killed += self.paced(cycles // 2, 0, "mortal host")
+            kills += self.kills - begun
+        row = self.compare("cyclic kernel, hosts die", living, killed)
+        row.kills = kills
+        row.good &= kills > 0
+        return row
+
+    def compare(self, what: str, before: list[int], beside: list[int]) -> Row:
+        """Computing times alone and beside others: moved by less than their own spread?"""
+        (a50, a99), (b50, b99) = quantiles(before), quantiles(beside)
+        row = Row(what, len(before) + len(beside), torn=self.torn)
         row.good = row.torn == 0 and abs(b50 - a50) < a99 - a50
         row.notes.append(
-            f"computing time per cycle, median and p99: alone {a50:.2f} and {a99:.2f} us, "
-            f"beside them {b50:.2f} and {b99:.2f} us"
+            f"computing time per cycle, median and p99: without {a50:.2f} and {a99:.2f} us, "
+            f"with {b50:.2f} and {b99:.2f} us"
         )
         row.notes.append(f"median moved by {b50 - a50:+.2f} us, own spread {a99 - a50:.2f} us")
-        return [full, row]
+        return row
 
     torn = 0
+    kills = 0
 
-    def paced(self, cycles: int, count: int) -> list[int]:
-        """Computing times of a kernel that wakes every 500 us, beside so many monitors."""
+    def paced(self, cycles: int, monitors: int, host: str = "") -> list[int]:
+        """Computing times of a kernel that wakes every 500 us, beside monitors or a host."""
         with self.part(0.05):
-            for i in range(count):
+            for i in range(monitors):
                 self.start(1 + i, "monitor", "peer_monitor")
             time.sleep(0.1)
             kernel = self.start(0, "kernel", "peer_paced", cycles, 500_000)
-            kernel.join()
-            self.stop(*range(1 + count))
-            self.torn += sum(self.get(1 + i, "torn") for i in range(count))
+            self.deadline = float("inf")
+            if host == "host":
+                self.start(1, "host", "peer_host", 2**63)
+            while kernel.is_alive():
+                if host == "mortal host":
+                    writes = self.beyond(1, "sent", self.get(1, "sent"))
+                    child = self.start(1, "host", "peer_host", 2**63)
+                    self.wait(writes)
+                    self.kill(child)
+                    self.kills += 1
+                else:
+                    kernel.join(0.1)
+            self.stop(*range(1 + max(1, monitors)))
+            self.torn += sum(self.get(b, "torn") for b in range(1 + monitors))
+            done = self.get(0, "cycles")
         took = memoryview((self.folder / "took-0").read_bytes()).cast("I")
-        return list(took[: self.get(0, "cycles")])[10:]
+        return list(took[:done])[10:]
 
     def naive(self, what: str, twice: int, most: int) -> Row:
         """The variant that tears."""
@@ -493,6 +525,7 @@ def main() -> int:
             rows.append(stress.ring(10 * million, 1000))
             rows.append(stress.events(10 * million))
             rows += stress.monitors(cycles)
+            rows.append(stress.dying(cycles))
             rows.append(stress.naive("naive: memcpy", 0, million))
             rows.append(stress.naive("naive: two buffers, an index", 1, million))
         except KeyboardInterrupt:
@@ -509,7 +542,7 @@ def main() -> int:
     alive = len(multiprocessing.active_children())
     print(f"segments and lock files left: {len(left)}; processes left: {alive}")
     print(f"took {time.monotonic() - begun:.0f} s")
-    complete = len(rows) == 9
+    complete = len(rows) == 10
     return 0 if complete and not left and not alive and all(row.good for row in rows) else 1
 
 

@@ -105,7 +105,9 @@ void peer_paced(void *base, uint64_t *r, uint32_t *took_ns, uint64_t count, uint
     for (uint64_t i = 0; i < count && !get(r, STOP); i++) {
         nanosleep(&pause, NULL);
         const uint64_t begun = cpu_ns();
-        if (sj_command_collect(base, in) == 1) add(r, GOT, 1);
+        const int32_t status = sj_command_collect(base, in);
+        if (status == 1) add(r, GOT, 1);
+        if (status < 0) add(r, TORN, 1);
         fill(out, WORDS, sj_feedback_latest(base) + 1, 0);
         sj_feedback_publish(base, out);
         took_ns[i] = (uint32_t)(cpu_ns() - begun);
