@@ -1,1 +1,47 @@
-"""sjerk: a motion kernel in Python and C."""
+"""sjerk: a motion kernel. Jerk-limited s-curves in whole control cycles, exact to the last bit."""
+
+from sjerk.cia402 import Drive, DriveConfig
+from sjerk.errors import (
+    InfeasibleError,
+    InputError,
+    KernelGoneError,
+    MotionStoppedError,
+    PlanError,
+    RefusedError,
+    SjerkError,
+)
+from sjerk.host import Feedback, Host, Move, MoveState
+from sjerk.kernel import Axis, MotionKernel
+from sjerk.planning import Motion, Plans, plan, plan_many, plan_velocity
+from sjerk.profile import Extrema, Limits, Phase, Profile, Range, Samples, State, scurve
+
+__all__ = [
+    "Axis",
+    "Drive",
+    "DriveConfig",
+    "Extrema",
+    "Feedback",
+    "Host",
+    "InfeasibleError",
+    "InputError",
+    "KernelGoneError",
+    "Limits",
+    "Motion",
+    "MotionKernel",
+    "MotionStoppedError",
+    "Move",
+    "MoveState",
+    "Phase",
+    "PlanError",
+    "Plans",
+    "Profile",
+    "Range",
+    "RefusedError",
+    "Samples",
+    "SjerkError",
+    "State",
+    "plan",
+    "plan_many",
+    "plan_velocity",
+    "scurve",
+]

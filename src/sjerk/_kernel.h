@@ -10,7 +10,99 @@
 
 /* ---- ground ---------------------------------------------------------------------------------- */
 
-enum { SJ_AXES = 64 };                  /* most axes of one kernel */
+enum {
+    SJ_AXES = 64,                       /* most axes of one kernel */
+    SJ_PHASES = 40                      /* most phases of one plan */
+};
+#define SJ_CYCLES_MAX 1125899906842624 /* most cycles of one plan, 2^50 */
+
+typedef struct {
+    double hi, lo;                      /* the sum of both, about 106 bits (_exact.h) */
+} sj_exact;
+
+typedef struct {
+    double position, velocity, acceleration;
+} sj_state;
+
+/* Constant jerk over each of `cycles` whole cycles; Eq. (1). */
+typedef struct {
+    int64_t cycles;
+    double jerk;
+} sj_phase;
+
+/* A motion in whole cycles, jerks per cycle^3 in the direction of the axis. */
+typedef struct {
+    int64_t cycles;                     /* sum of the phases' cycles, N */
+    int32_t count;                      /* phases used */
+    int32_t kind;                       /* enum sj_plan_kind */
+    double velocity, acceleration;      /* limits it was made under, or 0: rounding is relative */
+    sj_phase phase[SJ_PHASES];
+} sj_plan;
+
+/* ---- peers: profile (_profile.c) ------------------------------------------------------------- */
+
+/* Magnitudes, per cycle; the direction of the motion has the first pair, against it the second. */
+typedef struct {
+    double velocity, acceleration, jerk, deceleration, deceleration_jerk;
+} sj_limits;
+
+/* The bound of the work of one plan: steps of any root, lengths tried in any search; and rounds of a
+ * synchronisation. No recursion beyond one level, no allocation. */
+enum { SJ_ROOT_STEPS = 40, SJ_LENGTH_STEPS = 6, SJ_SYNC_ROUNDS = 10 };
+
+enum sj_plan_status {
+    SJ_PLAN_OK = 0,
+    SJ_PLAN_INVALID = 1,                /* a number that is none, a limit <= 0, |v1| > velocity */
+    SJ_PLAN_TOO_LONG = 2,               /* more than SJ_CYCLES_MAX cycles */
+    SJ_PLAN_BLOCKED = 3                 /* none of exactly this length; the plan is the next longer */
+};
+
+enum sj_plan_kind {                     /* how it was found */
+    SJ_PLAN_WAIT = 0,                   /* nothing to do, or waiting only */
+    SJ_PLAN_CRUISE = 1,                 /* ramp, cruise, ramp: seven phases */
+    SJ_PLAN_EASE = 2,                   /* braking eased for a while; no zero of the acceleration */
+    SJ_PLAN_MIX = 3,                    /* convex mix of a plan too short and one too far */
+    SJ_PLAN_STOP = 4,                   /* stop first, then from rest: the last resort */
+    SJ_PLAN_RAMP = 5,                   /* change of velocity only */
+    SJ_PLAN_RETURN = 8                  /* added: the start was outside its limits */
+};
+
+/* From the continuous state (0, v0, a0) to (h, v1, 0), as soon as possible. */
+int32_t sj_plan_move(double h, double v0, double a0, double v1, const sj_limits *limits,
+                     sj_plan *plan);
+/* From (v0, a0) to (v1, 0), as soon as possible, wherever that is. */
+int32_t sj_plan_velocity(double v0, double a0, double v1, const sj_limits *limits, sj_plan *plan);
+/* As sj_plan_move, in exactly this many cycles. */
+int32_t sj_plan_duration(double h, double v0, double a0, double v1, const sj_limits *limits,
+                         int64_t cycles, sj_plan *plan);
+
+typedef struct {
+    double distance, v0, a0, v1;        /* continuous, per cycle */
+} sj_request;
+
+/* n axes in the same and fewest cycles, at least `cycles`. */
+int32_t sj_plan_together(int32_t n, const sj_request *requests, const sj_limits *limits,
+                         int64_t cycles, sj_plan *plans);
+
+/* Requests between samples, for several axes and for many (_planning.c). */
+enum sj_synchronization {
+    SJ_SYNC_NONE = 0,                   /* each axis as soon as it can */
+    SJ_SYNC_TIME = 1,                   /* all axes arrive in the same cycle */
+    SJ_SYNC_PHASE = 2                   /* the same phases: rest to rest on a straight line */
+};
+
+int32_t sj_plan_axes(int32_t n, const sj_request *request, const sj_limits *limits,
+                     int64_t least_cycles, int32_t *synchronization, sj_plan *plans);
+int32_t sj_plan_samples(int32_t n, double cycle_time_s, const sj_state *from, const sj_state *to,
+                        const sj_limits *limits, int64_t least_cycles, int32_t *synchronization,
+                        sj_plan *plans);
+int32_t sj_plan_sample(double cycle_time_s, double q0, double v0, double a0, double q1, double v1,
+                       const sj_limits *limits, sj_plan *plan);
+int32_t sj_plan_sample_velocity(double cycle_time_s, const sj_state *from, double v1,
+                                const sj_limits *limits, sj_plan *plan, double *end);
+int32_t sj_plan_rows(int64_t n, double cycle_time_s, const double *from, int64_t from_columns,
+                     const double *to, int64_t to_columns, const sj_limits *limits,
+                     int64_t limits_step, sj_plan *plans, int64_t *failed);
 
 /* ---- peers: handshake (_handshake.c) --------------------------------------------------------- */
 
@@ -117,6 +209,508 @@ uint64_t sj_event_latest(const void *base);
 
 /* ---- peers: drive (_cia402.c, _servo.c) ------------------------------------------------------ */
 
+/* The words and objects are CiA 402's (IEC 61800-7-201); four hex digits and 'h' name an object.
+ * "pu" is the position user unit of 607Ah: one encoder increment unless 6091h/6092h say otherwise.
+ */
+
+enum {                                  /* states of the device control state machine */
+    SJ_STATE_NOT_READY = 0,
+    SJ_STATE_SWITCH_ON_DISABLED = 1,
+    SJ_STATE_READY = 2,
+    SJ_STATE_SWITCHED_ON = 3,
+    SJ_STATE_OPERATION_ENABLED = 4,
+    SJ_STATE_QUICK_STOP = 5,
+    SJ_STATE_FAULT_REACTION = 6,
+    SJ_STATE_FAULT = 7
+};
+
+enum {                                  /* controlword 6040h */
+    SJ_CW_SWITCH_ON = 0x0001,
+    SJ_CW_ENABLE_VOLTAGE = 0x0002,
+    SJ_CW_QUICK_STOP = 0x0004,          /* 0 stops */
+    SJ_CW_ENABLE_OPERATION = 0x0008,
+    SJ_CW_MODE_4 = 0x0010,              /* homing: start */
+    SJ_CW_MODE_5 = 0x0020,
+    SJ_CW_MODE_6 = 0x0040,
+    SJ_CW_FAULT_RESET = 0x0080,         /* acts on its rising edge */
+    SJ_CW_HALT = 0x0100
+};
+
+enum {                                  /* statusword 6041h */
+    SJ_SW_READY = 0x0001,
+    SJ_SW_SWITCHED_ON = 0x0002,
+    SJ_SW_OPERATION_ENABLED = 0x0004,
+    SJ_SW_FAULT = 0x0008,
+    SJ_SW_VOLTAGE = 0x0010,
+    SJ_SW_QUICK_STOP = 0x0020,          /* 0 = quick stop active */
+    SJ_SW_DISABLED = 0x0040,
+    SJ_SW_WARNING = 0x0080,
+    SJ_SW_SYNC = 0x0100,                /* manufacturer's: the period had its SYNC */
+    SJ_SW_REMOTE = 0x0200,
+    SJ_SW_TARGET_REACHED = 0x0400,
+    SJ_SW_LIMIT = 0x0800,
+    SJ_SW_FOLLOWS = 0x1000,             /* CSP, CSV, CST: the drive follows; homing: attained */
+    SJ_SW_FOLLOWING_ERROR = 0x2000      /* CSP: following error; homing: error */
+};
+
+enum {                                  /* modes of operation 6060h */
+    SJ_MODE_NONE = 0,
+    SJ_MODE_HOMING = 6,
+    SJ_MODE_CSP = 8,
+    SJ_MODE_CSV = 9,
+    SJ_MODE_CST = 10
+};
+
+enum {                                  /* what a target beyond the jump limit causes */
+    SJ_JUMP_FAULT = 0,
+    SJ_JUMP_CLAMP = 1,
+    SJ_JUMP_OFF = 2
+};
+
+enum {                                  /* faults by name; codes and reactions in _cia402.c */
+    SJ_FAULT_NONE = 0,
+    SJ_FAULT_OVER_CURRENT = 1,
+    SJ_FAULT_EARTH = 2,
+    SJ_FAULT_OVER_VOLTAGE = 3,
+    SJ_FAULT_UNDER_VOLTAGE = 4,
+    SJ_FAULT_OVER_TEMPERATURE = 5,
+    SJ_FAULT_ENCODER = 6,
+    SJ_FAULT_SAFE_TORQUE_OFF = 7,
+    SJ_FAULT_BRAKE = 8,
+    SJ_FAULT_LOST_LINK = 9,
+    SJ_FAULT_OVER_SPEED = 10,
+    SJ_FAULT_FOLLOWING_ERROR = 11,
+    SJ_FAULT_REFERENCE_LIMIT = 12,
+    SJ_FAULT_SYNC = 13,
+    SJ_FAULTS = 14
+};
+
+enum {                                  /* findings of the verdict on the stream of targets */
+    SJ_FINDING_JUMP = 0,                /* further than the jump limit */
+    SJ_FINDING_STALE = 1,               /* the same target twice while moving */
+    SJ_FINDING_SKIPPED = 2,             /* about twice the way of the cycle before: one is missing */
+    SJ_FINDING_STEP = 3,                /* a step in velocity no limit allows */
+    SJ_FINDING_ACCELERATION = 4,
+    SJ_FINDING_VELOCITY = 5,
+    SJ_FINDING_JERK = 6,
+    SJ_FINDINGS = 7
+};
+
+/* Config. First the machine, in SI units; then objects, in their own type and unit. */
+typedef struct {
+    double period_s;                    /* SYNC period, 60C2h */
+    double inner_rate_hz;               /* servo loop; rounded up to a whole number per period */
+    double position_gain_per_s;         /* Kp */
+    double velocity_bandwidth_hz;       /* Kv = 2 pi f J */
+    double velocity_integral_s;         /* Ti */
+    double velocity_feedforward;        /* 0..1 of the demand velocity */
+    double acceleration_feedforward;    /* 0..1 of J times the demand acceleration */
+    double torque_time_s;               /* first-order torque loop */
+    double velocity_filter_s;           /* first-order filter of the encoder's difference */
+    double rated_torque_nm;             /* 6076h */
+    double peak_torque_nm;
+    double rated_current_a;             /* 6075h */
+    double max_speed_rpm;               /* 6080h */
+    double inertia_kg_m2;               /* rotor */
+    double load_inertia_ratio;          /* load / rotor */
+    double friction_nm;                 /* Coulomb */
+    double friction_speed_rad_s;        /* w0 of friction w / (|w| + w0) */
+    double viscous_nm_s;
+    double load_torque_nm;              /* constant, e.g. gravity */
+    double brake_torque_nm;             /* 0 = no brake; closed while the power stage is off */
+    double stop_timeout_s;              /* a stop counts as done this long after its ramp, at most */
+    double jump_factor;                 /* jump limit = speed limit x period x factor */
+    double stream_acceleration_rev_s2;  /* limit of the verdict; 0 = peak torque / inertia */
+    double stream_jerk_rev_s3;          /* limit of the verdict; 0 = not judged */
+    double switch_negative_rev;         /* limit switch closed below; closed never if <= -1e9 */
+    double switch_positive_rev;         /* limit switch closed above; closed never if >= 1e9 */
+    double switch_home_rev;             /* home switch closed above */
+
+    uint32_t encoder_increments;        /* 608Fh:1 */
+    uint32_t encoder_revolutions;       /* 608Fh:2 */
+    uint32_t gear_motor;                /* 6091h:1 */
+    uint32_t gear_shaft;                /* 6091h:2 */
+    uint32_t feed;                      /* 6092h:1 */
+    uint32_t feed_shaft;                /* 6092h:2 */
+    int32_t range_min;                  /* 607Bh:1 */
+    int32_t range_max;                  /* 607Bh:2 */
+    int32_t software_min;               /* 607Dh:1; both 0 = off */
+    int32_t software_max;               /* 607Dh:2 */
+    uint32_t polarity;                  /* 607Eh: bit 7 position, 6 velocity, 5 torque */
+    uint32_t following_window;          /* 6065h; FFFFFFFFh = off */
+    uint32_t following_time_ms;         /* 6066h */
+    uint32_t position_window;           /* 6067h; FFFFFFFFh = off */
+    uint32_t position_time_ms;          /* 6068h */
+    uint32_t max_profile_velocity;      /* 607Fh, pu/s */
+    uint32_t profile_deceleration;      /* 6084h, pu/s^2 */
+    uint32_t quick_stop_deceleration;   /* 6085h, pu/s^2 */
+    uint32_t max_acceleration;          /* 60C5h, pu/s^2; FFFFFFFFh = off */
+    uint32_t max_torque;                /* 6072h, 0.1 % of rated */
+    uint32_t torque_limit_positive;     /* 60E0h */
+    uint32_t torque_limit_negative;     /* 60E1h */
+    int32_t quick_stop_option;          /* 605Ah 0..8 */
+    int32_t shutdown_option;            /* 605Bh 0..1 */
+    int32_t disable_option;             /* 605Ch 0..1 */
+    int32_t halt_option;                /* 605Dh 1..4 */
+    int32_t fault_option;               /* 605Eh 0..4 */
+    int32_t abort_option;               /* 6007h 0..3 */
+    int32_t jump_option;                /* SJ_JUMP_... */
+    uint32_t sync_extrapolation;        /* missed SYNCs in a row bridged by the last velocity */
+    uint32_t sync_error_limit;          /* 10F1h:2: +3 per missed, -1 per good; FFFFh = off */
+    int32_t home_offset;                /* 607Ch */
+    int32_t homing_method;              /* 6098h */
+    uint32_t homing_speed_switch;       /* 6099h:1, pu/s */
+    uint32_t homing_speed_zero;         /* 6099h:2, pu/s */
+    uint32_t homing_acceleration;       /* 609Ah, pu/s^2 */
+} sj_drive_config;
+
+typedef struct {                        /* what a period brings: the RxPDO */
+    uint16_t controlword;               /* 6040h */
+    int8_t mode;                        /* 6060h */
+    uint8_t sync_missed;                /* 1: no SYNC, or no fresh targets, in this period */
+    int32_t target_position;            /* 607Ah */
+    int32_t position_offset;            /* 60B0h */
+    int32_t velocity_offset;            /* 60B1h */
+    int32_t target_velocity;            /* 60FFh */
+    int16_t target_torque;              /* 6071h */
+    int16_t torque_offset;              /* 60B2h */
+} sj_drive_rx;
+
+typedef struct {                        /* what the period gives: the TxPDO */
+    uint16_t statusword;                /* 6041h */
+    int8_t mode_display;                /* 6061h */
+    uint8_t error_register;             /* 1001h */
+    int32_t position_actual;            /* 6064h */
+    int32_t velocity_actual;            /* 606Ch */
+    int16_t torque_actual;              /* 6077h */
+    uint16_t error_code;                /* 603Fh */
+    int32_t following_error;            /* 60F4h = 6062h - 6064h */
+    int32_t position_demand;            /* 6062h */
+    int32_t velocity_demand;            /* 606Bh */
+    int16_t torque_demand;              /* 6074h */
+    int16_t current_actual;             /* 6078h */
+    int32_t position_internal;          /* 6063h, increments */
+    int32_t demand_internal;            /* 60FCh, increments */
+    uint32_t digital_inputs;            /* 60FDh */
+    uint32_t dc_link_mv;                /* 6079h */
+} sj_drive_tx;
+
+typedef struct {                        /* a position in increments and in pu at once */
+    int64_t increments;                 /* unwrapped */
+    int64_t units;                      /* within 607Bh */
+    int64_t remainder;                  /* what the ratio leaves between the two */
+} sj_drive_point;
+
+typedef struct {                        /* what the state machine decides upon */
+    uint16_t controlword;
+    uint16_t previous;                  /* controlword of the step before: bit 7 acts on its edge */
+    int16_t quick_stop_option;
+    int16_t shutdown_option;
+    int16_t disable_option;
+    uint8_t power;                      /* bus voltage present, no safe torque off */
+    uint8_t fault;                      /* a fault came up */
+    uint8_t cause;                      /* the cause of a fault is still there */
+    uint8_t standing;                   /* the motor stands, a stop has ended */
+} sj_drive_input;
+
+enum {                                  /* what a servo period is to control */
+    SJ_SERVO_OFF = 0,
+    SJ_SERVO_POSITION = 1,
+    SJ_SERVO_VELOCITY = 2,
+    SJ_SERVO_TORQUE = 3
+};
+
+typedef struct {                        /* one period of command to the servo, motor units */
+    int32_t control;                    /* SJ_SERVO_... */
+    int32_t brake;                      /* 1 = closed */
+    int64_t demand;                     /* increments at the period's start */
+    double fraction;                    /* of an increment, added to demand */
+    double advance;                     /* increments over the period */
+    double velocity_start_rad_s;        /* velocity command or feed-forward, start and end */
+    double velocity_end_rad_s;
+    double velocity_offset_rad_s;       /* 60B1h */
+    double torque_nm;                   /* torque command or feed-forward, 60B2h included */
+    double torque_max_nm;
+    double torque_min_nm;
+    double speed_max_rad_s;
+} sj_servo_command;
+
+typedef struct {                        /* motor and loops */
+    int64_t encoder;                    /* increments */
+    double fraction;                    /* of an increment, 0..1 */
+    double velocity_rad_s;              /* of the motor */
+    double measured_rad_s;              /* from the encoder, filtered */
+    double torque_nm;                   /* of the motor */
+    double command_nm;                  /* asked of the torque loop */
+    double integral_nm;
+    int32_t torque_limited;             /* in any inner step of the period */
+    int32_t speed_limited;
+} sj_servo;
+
+typedef struct {                        /* constants of the servo, made from a config */
+    int32_t steps;                      /* inner steps per period */
+    int32_t pad;
+    double step_s;
+    double steps_inverse;
+    double increments_per_rad;
+    double position_gain;               /* rad/s per increment */
+    double velocity_feedforward;
+    double velocity_gain;               /* Nm s/rad */
+    double integral_gain;               /* per inner step */
+    double torque_gain;                 /* of the first-order torque loop, per inner step */
+    double filter_gain;                 /* of the velocity filter, per inner step */
+    double friction_nm;
+    double friction_speed_rad_s;
+    double viscous_nm_s;
+    double load_torque_nm;
+    double brake_torque_nm;
+    double inertia_kg_m2;
+    double inertia_inverse;
+    double speed_bound_rad_s;           /* the motor never turns faster, whatever happens */
+} sj_servo_constants;
+
+typedef struct {                        /* the verdict on the stream of targets */
+    uint64_t samples;                   /* targets followed */
+    uint64_t missed_syncs;
+    uint64_t first[7];                  /* drive cycle of the first finding of each kind */
+    uint32_t counts[7];                 /* SJ_FINDING_... */
+    uint32_t following_max;             /* largest |60F4h| while following, pu */
+    double velocity_max_rev_s;          /* largest seen, rounding of the targets subtracted */
+    double acceleration_max_rev_s2;
+    double jerk_max_rev_s3;
+    double last_step;                   /* history, pu per period */
+    double last_change;
+    int32_t history;
+    int32_t last_finding;               /* of the cycle at hand, -1 none */
+} sj_drive_verdict;
+
+typedef struct {
+    sj_drive_config config;
+    sj_servo_constants constants;
+    sj_servo servo;
+    sj_drive_verdict verdict;
+    sj_drive_point actual;
+    sj_drive_point demand;
+    double demand_fraction;             /* of an increment, left by ramps */
+    double demand_velocity;             /* increments per period at its end */
+    double torque_demand_nm;
+    int64_t ratio_units;                /* pu = increments * ratio_units / ratio_increments */
+    int64_t ratio_increments;
+    int64_t range;                      /* pu in one wrap of 607Bh */
+    int64_t jump_limit;                 /* pu per period */
+    int64_t encoder_seen;               /* increments at the last conversion to pu */
+    uint64_t cycles;
+    uint32_t causes;                    /* bit n = fault n injected and still there */
+    uint32_t transitions;               /* bit n = transition n ran in this cycle */
+    int32_t state;                      /* SJ_STATE_... */
+    int32_t mode;                       /* 6061h */
+    int32_t fault;                      /* SJ_FAULT_... that led to the present reaction */
+    int32_t follows;
+    int32_t limited;                    /* statusword bit 11 of this cycle */
+    int32_t missed_in_row;
+    int32_t sync_errors;
+    int32_t homing;                     /* phase of the homing method */
+    int32_t homed;                      /* a reference exists */
+    int32_t homing_error;
+    int32_t resync;                     /* adopt the actual position before following again */
+    int32_t warning;                    /* statusword bit 7 */
+    int32_t pad32;
+    int32_t local;                      /* 1: the controlword is not obeyed */
+    uint32_t following_cycles;          /* spent outside the following window */
+    uint32_t window_cycles;             /* spent inside the position window */
+    uint32_t stop_cycles;               /* since the end of a stop's ramp */
+    uint16_t controlword;               /* of the cycle before */
+    uint16_t error_code;                /* 603Fh */
+    uint8_t following_error;            /* statusword bit 13 */
+    uint8_t standing;
+    uint8_t pad8[6];
+} sj_drive;
+
+void sj_drive_config_default(sj_drive_config *config);          /* SGM7J-04A at 1 ms */
+
+/* 0, or n for the n-th field of sj_drive_config: it lies outside its range, or the fields that
+ * end there do not fit each other. */
+int32_t sj_drive_config_check(const sj_drive_config *config);
+const char *sj_drive_config_field(int32_t field, double *low, double *high);
+/* pu = increments * *units / *increments, reduced; 0 when a term exceeds 2^30. */
+int32_t sj_drive_ratio(const sj_drive_config *config, int64_t *units, int64_t *increments);
+
+int32_t sj_drive_init(sj_drive *drive, const sj_drive_config *config);      /* as the check */
+int32_t sj_drive_configure(sj_drive *drive, const sj_drive_config *config); /* keeps the motion */
+void sj_drive_cycle(sj_drive *drive, const sj_drive_rx *rx, sj_drive_tx *tx);
+void sj_drive_inject(sj_drive *drive, int32_t fault, int32_t present);
+uint16_t sj_drive_fault_code(int32_t fault);                    /* 603Fh of a named fault */
+
+/* The bare state machine: next state; bit n of *transitions is set when transition n ran. */
+int32_t sj_drive_next(int32_t state, const sj_drive_input *input, uint32_t *transitions);
+uint16_t sj_drive_state_bits(int32_t state);                    /* statusword bits 0-3, 5, 6 */
+
+void sj_servo_prepare(sj_servo_constants *constants, const sj_drive_config *config);
+void sj_servo_period(sj_servo *servo, const sj_servo_constants *constants,
+                     const sj_servo_command *command);
+
+/* One period of demand: velocity towards a goal, increments per period and per period^2. */
+void sj_drive_ramp_to(sj_drive *drive, sj_servo_command *command, double goal, double acceleration);
+
+/* The master's side of the words. */
+uint16_t sj_master_controlword(uint16_t statusword, int32_t enable, int32_t reset);
+int32_t sj_master_enabled(uint16_t statusword);                 /* OPERATION ENABLED */
+int32_t sj_master_follows(uint16_t statusword);                 /* enabled and following, bit 12 */
+int32_t sj_master_fault(uint16_t statusword);                   /* FAULT or its reaction */
+
+void sj_verdict_clear(sj_drive_verdict *verdict);
+void sj_verdict_pause(sj_drive_verdict *verdict);               /* the stream is interrupted */
+void sj_verdict_judge(sj_drive *drive, int64_t step);           /* one target followed, pu */
+
 /* ---- wiring: interpolator and kernel cycle (_kernel.c) --------------------------------------- */
 
-int32_t sj_max_axes(void);              /* SJ_AXES of the built extension */
+enum sj_load_status {
+    SJ_LOAD_OK = 0,
+    SJ_LOAD_PHASES = 1,                 /* a phase count or length out of range */
+    SJ_LOAD_MISSES = 2                  /* the phases do not lead to the goal */
+};
+
+/* A phase as it is integrated: its jerk is the difference of two acceleration levels over its
+ * length, so that an acceleration that is planned as zero is exactly zero. */
+typedef struct {
+    int64_t cycles;
+    sj_exact jerk;
+} sj_leg;
+
+/* The bilinear integrator, Eqs. (15)-(17), in cycle units, and the legs ahead of it. */
+typedef struct {
+    sj_exact q, v, a, j;                /* the sample of this cycle */
+    sj_exact spread_v, spread_q;        /* per cycle: what rounding the plan to doubles costs */
+    double goal, goal_velocity;         /* the settled end, cycle N + 1 */
+    int64_t left;                       /* cycles left of the present leg */
+    int64_t ahead;                      /* cycles until settled; 0 = settled */
+    int32_t leg, count;
+    int32_t goal_free;                  /* 1: a change of velocity, the end position is open */
+    int32_t reserved;
+    sj_leg legs[SJ_PHASES];
+} sj_interpolator;
+
+/* Rows of a sampled motion; every column has room for `rows`. */
+typedef struct {
+    int64_t rows;
+    double *time, *position, *velocity, *acceleration, *jerk;
+} sj_table;
+
+void    sj_interpolator_start(sj_interpolator *ip, const sj_state *sample);
+int32_t sj_interpolator_load(sj_interpolator *ip, const sj_plan *plan, double goal,
+                             double goal_velocity, int32_t goal_free);
+int32_t sj_interpolator_step(sj_interpolator *ip);
+void    sj_interpolator_fill(sj_interpolator *ip, double cycle_time_s, int64_t first_row,
+                             const sj_table *out);
+int32_t sj_sample(const sj_plan *plan, const sj_state *start, const sj_state *end,
+                  double cycle_time_s, const sj_table *out);
+void    sj_lemma_plan(const sj_state *sample, double jerk, sj_state *plan);
+void    sj_lemma_sample(const sj_state *plan, double jerk, sj_state *sample);
+
+/* One cycle. Command and feedback are what the dual-port RAM carries; its layouts are hashed by
+ * the host (field names, types and offsets). Positions in axis units, time in cycles. */
+
+enum sj_result {                        /* what became of a goal or of a state */
+    SJ_RESULT_NONE = 0,
+    SJ_RESULT_ACCEPTED = 1,
+    SJ_RESULT_NOT_FOLLOWING = 2,        /* refused: the drive does not follow (bit 12 = 0) */
+    SJ_RESULT_PLAN = 3,                 /* refused: a number or limit that cannot be planned */
+    SJ_RESULT_RANGE = 4,                /* refused: not a number, or beyond the drive's counter */
+    SJ_RESULT_STOPPED = 5               /* refused: came with a stop, or the kernel is ending */
+};
+
+typedef struct {
+    double goal, goal_velocity;
+    sj_limits limits;
+    int32_t moves;                      /* 1: this goal is for this axis */
+    int32_t reserved;
+} sj_axis_command;
+
+typedef struct {
+    uint64_t sequence;                  /* of this command; echoed */
+    uint64_t goal_id;                   /* a new number is a new goal */
+    uint64_t stop_count, reset_count;   /* a new number is one stop, one fault reset */
+    int32_t enable;
+    int32_t synchronization;            /* of this goal: enum sj_synchronization */
+    int64_t least_cycles;               /* of this goal */
+    sj_axis_command axis[64];
+} sj_command;
+
+typedef struct {
+    double position, velocity, acceleration, jerk;      /* commanded sample */
+    double actual_position, actual_velocity;            /* of the encoder; unit and unit/cycle */
+    double peak_velocity, peak_acceleration, peak_jerk; /* of the command since the goal came */
+    double goal;
+    uint64_t goal_id;                   /* goal in execution or done */
+    int64_t target_counts, actual_counts;               /* unwrapped, encoder increments */
+    int32_t following_error;            /* 60F4h */
+    uint16_t statusword, error_code;
+    int32_t moving, settled;            /* settled: on the goal, or past it at its velocity */
+    int32_t follows, enabled, fault, reserved;
+} sj_axis_feedback;
+
+enum { SJ_HISTOGRAM_BUCKETS = 400 };
+
+/* Durations in ns: 16 buckets per octave from 64 ns on; `late` counts deadlines that passed. */
+typedef struct {
+    uint64_t count, worst_ns;
+    uint32_t bucket[400];
+} sj_histogram;
+
+typedef struct {
+    uint64_t cycle;                     /* cycles since start */
+    uint64_t time_ns;                   /* CLOCK_MONOTONIC at its begin, 0 in a caller's own loop */
+    uint64_t sequence, stop_count, reset_count;         /* newest taken */
+    uint64_t result_goal_id;            /* goal that `result` is about */
+    uint64_t late;                      /* cycles of the clock that were skipped */
+    int32_t result, result_axis;        /* enum sj_result; axis that refused, or -1 */
+    int32_t axes, ending;
+    sj_histogram latency, period, computing;
+    sj_axis_feedback axis[64];
+} sj_feedback;
+
+typedef struct {
+    sj_interpolator interpolator;
+    sj_drive drive;
+    sj_drive_rx rx;
+    sj_drive_tx tx;
+    sj_limits limits;                   /* of stops; per cycle */
+    sj_axis_command goal;               /* in execution, or reached */
+    double counts_per_unit;
+    double cycle_time_s;
+    int64_t actual_counts;              /* 6064h unwrapped */
+    int32_t following;                  /* the command leads, the drive follows */
+    int32_t reserved;
+} sj_axis;
+
+typedef struct {
+    void *segment;
+    int32_t axes;
+    int32_t ending;                     /* 1: stop, disable, refuse goals */
+    int32_t enable;
+    int32_t reset;                      /* cycles left of a fault reset's edge */
+    int32_t host_state;
+    int32_t reserved;
+    uint64_t stop_count, reset_count, goal_id;
+    sj_command command;
+    sj_feedback feedback;
+    sj_plan plan[64];                   /* room for planning a goal */
+    sj_interpolator trial[64];
+    sj_axis axis[64];
+} sj_kernel;
+
+uint64_t sj_command_bytes(int32_t axes);
+uint64_t sj_feedback_bytes(int32_t axes);
+int32_t  sj_kernel_init(sj_kernel *kernel, void *segment, int32_t axes);
+int32_t  sj_kernel_axis(sj_kernel *kernel, int32_t axis, const sj_drive_config *drive,
+                        const sj_limits *limits, double counts_per_unit);
+void     sj_kernel_cycle(sj_kernel *kernel, uint64_t now_ns);
+void     sj_kernel_cycles(sj_kernel *kernel, int64_t cycles); /* in a caller's own loop */
+int32_t  sj_kernel_at_rest(const sj_kernel *kernel);    /* nothing moves, no drive is enabled */
+
+/* ---- wiring: the clock (_clock.c) ------------------------------------------------------------ */
+
+void     sj_clock_run(sj_kernel *kernel, uint64_t period_ns, int32_t *end);
+void     sj_clock_end(int32_t *end);
+uint64_t sj_clock_now_ns(void);
+void     sj_histogram_add(sj_histogram *histogram, uint64_t ns);
