@@ -664,6 +664,8 @@ typedef struct {
     uint64_t sequence, stop_count, reset_count;         /* newest taken */
     uint64_t result_goal_id;            /* goal that `result` is about */
     uint64_t late;                      /* cycles of the clock that were skipped */
+    uint64_t corrupt;                   /* commands that a wild writer had spoilt; each stops all axes */
+    uint64_t kernel_epoch;              /* which kernel this frame is of */
     int32_t result, result_axis;        /* enum sj_result; axis that refused, or -1 */
     int32_t axes, ending;
     sj_histogram latency, period, computing;
@@ -693,6 +695,7 @@ typedef struct {
     int32_t host_state;
     int32_t reserved;
     uint64_t stop_count, reset_count, goal_id;
+    sj_command incoming;                /* what collect fills; spoilt where it fails */
     sj_command command;
     sj_feedback feedback;
     sj_plan plan[64];                   /* room for planning a goal */
