@@ -2,8 +2,8 @@
 
     python examples/03_change_of_target.py [picture.png]
 
-The kernel runs in this process, cycle by cycle, with a simulated servo drive. Every new goal replaces
-the motion; the commanded path stays continuous in position, velocity and acceleration.
+The kernel runs in this process, cycle by cycle, with a simulated servo drive. Every new goal
+replaces the motion; the commanded path stays continuous in position, velocity and acceleration.
 """
 
 import sys

@@ -2,8 +2,8 @@
 
     python examples/04_seven_axes_in_phase.py [picture.png]
 
-Each axis has the limits of its joint (Panda arm, rad). In phase, all share their phases; synchronised
-in time only, they arrive together but leave the line.
+Each axis has the limits of its joint (Panda arm, rad). In phase, all share their phases;
+synchronised in time only, they arrive together but leave the line.
 """
 
 import sys
