@@ -1,7 +1,7 @@
 /* The dual-port RAM: one memory segment between a host and a motion kernel.
  *
  * Holds the layout, the four exchanges (command, feedback, ring, events), the epochs and heartbeats;
- * the only atomics of the project. Payloads are bytes. Never here: what a payload means, a clock,
+ * the atomics of the project. Payloads are bytes. Never here: what a payload means, a clock,
  * a lock, a system call, an allocation. Every function works as well on plain private memory.
  *
  *   byte 0      +---------------------+
@@ -29,7 +29,7 @@
  * a restarted side goes on where its predecessor published last, and overwrites what that one left
  * half-written. docs/explanation/handshake.md says what holds at a kill after each store.
  */
-#include <stdatomic.h>                  /* the only use in the project */
+#include <stdatomic.h>                  /* its only use beside the end flag of _clock.c */
 #include <stddef.h>                     /* offsetof, NULL */
 #include <stdint.h>                     /* fixed widths, for both readers of the contract */
 #include <string.h>                     /* memcpy, memset on private memory */
