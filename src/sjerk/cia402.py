@@ -247,7 +247,7 @@ class Jump(enum.IntEnum):
 
 
 class Finding(enum.IntEnum):
-    """What the verdict on the stream of targets names; the order is the order of judgement."""
+    """What the verdict on the stream of targets names; a target gets one name at most."""
 
     JUMP = 0
     STALE = 1
