@@ -132,7 +132,7 @@ CODES = {
     Fault.ENCODER: (0x7305, "coast"),
     Fault.SAFE_TORQUE_OFF: (0xFF80, "coast"),
     Fault.BRAKE: (0x7110, "ramp"),
-    Fault.LOST_LINK: (0x7500, "ramp"),
+    Fault.LOST_LINK: (0x8130, "ramp"),
 }
 
 

@@ -38,7 +38,7 @@ static const fault_row FAULTS[SJ_FAULTS] = {
     [SJ_FAULT_ENCODER] = {0x7305, GENERIC | PROFILE, COAST},
     [SJ_FAULT_SAFE_TORQUE_OFF] = {0xFF80, GENERIC | MAKER, COAST},
     [SJ_FAULT_BRAKE] = {0x7110, GENERIC | PROFILE, RAMP},
-    [SJ_FAULT_LOST_LINK] = {0x7500, GENERIC | COMMUNICATION, RAMP},
+    [SJ_FAULT_LOST_LINK] = {0x8130, GENERIC | COMMUNICATION, RAMP},
     [SJ_FAULT_OVER_SPEED] = {0x8400, GENERIC | PROFILE, RAMP},
     [SJ_FAULT_FOLLOWING_ERROR] = {0x8611, GENERIC | PROFILE, RAMP},
     [SJ_FAULT_REFERENCE_LIMIT] = {0x8612, GENERIC | PROFILE, RAMP},
@@ -316,6 +316,21 @@ int32_t sj_drive_init(sj_drive *drive, const sj_drive_config *config)
     return 0;
 }
 
+/* A new scale: positions are told anew from the encoder, a reference is lost. */
+void sj_drive_rescale(sj_drive *drive)
+{
+    const int64_t increments = drive->actual.increments;
+
+    set_point(drive, &drive->actual, 0, 0);
+    move_increments(drive, &drive->actual, increments % ((int64_t)1 << 32));
+    drive->actual.increments = increments;
+    drive->demand = drive->actual;
+    drive->demand_fraction = 0.0;
+    drive->resync = 1;
+    drive->homed = 0;
+    sj_verdict_pause(&drive->verdict);
+}
+
 int32_t sj_drive_configure(sj_drive *drive, const sj_drive_config *config)
 {
     const int32_t bad = sj_drive_config_check(config);
@@ -331,17 +346,7 @@ int32_t sj_drive_configure(sj_drive *drive, const sj_drive_config *config)
         old.gear_motor != config->gear_motor || old.gear_shaft != config->gear_shaft ||
         old.feed != config->feed || old.feed_shaft != config->feed_shaft ||
         old.range_min != config->range_min || old.range_max != config->range_max) {
-        /* a new scale: positions are told anew from the encoder, a reference is lost */
-        const int64_t way = drive->actual.increments;
-        const int64_t most = (int64_t)1 << 32;
-        set_point(drive, &drive->actual, 0, 0);
-        move_increments(drive, &drive->actual, way % most);
-        drive->actual.increments = way;
-        drive->demand = drive->actual;
-        drive->demand_fraction = 0.0;
-        drive->resync = 1;
-        drive->homed = 0;
-        sj_verdict_pause(&drive->verdict);
+        sj_drive_rescale(drive);
     }
     return 0;
 }

@@ -617,6 +617,15 @@ class Drive:
         _raise_for(lib.sj_drive_configure(self._c, config.to_c()), self._c.config)
         self._config = config
 
+    def restart(self, config: DriveConfig | None = None) -> None:
+        """Power off and on again: words and states are new, the axis stays where it is."""
+        servo = ffi.new("sj_servo *", self._c.servo)
+        self._config = config or self._config
+        _raise_for(lib.sj_drive_init(self._c, self._config.to_c()), self._c.config)
+        self._c.servo = servo[0]
+        self._c.actual.increments = servo.encoder
+        lib.sj_drive_rescale(self._c)
+
     def cycle(
         self,
         controlword: int,
