@@ -331,6 +331,20 @@ void sj_drive_rescale(sj_drive *drive)
     sj_verdict_pause(&drive->verdict);
 }
 
+void sj_drive_set_home(sj_drive *drive, int64_t increments)
+{
+    const int64_t home = turned(drive, drive->config.home_offset, POLARITY_POSITION);
+    sj_drive_point *const points[] = {&drive->actual, &drive->demand};
+
+    for (int i = 0; i < 2; i++) {
+        const int64_t now = points[i]->increments;
+        const int64_t way = subtract_wrapping(now, increments) % ((int64_t)1 << 32);
+        set_point(drive, points[i], increments, home);
+        move_increments(drive, points[i], way);
+        points[i]->increments = now;
+    }
+}
+
 int32_t sj_drive_configure(sj_drive *drive, const sj_drive_config *config)
 {
     const int32_t bad = sj_drive_config_check(config);
@@ -462,7 +476,7 @@ static void stop(sj_drive *drive, sj_servo_command *command, int32_t option)
 }
 
 /* Limit switches, as 60FDh shows them: bit 0 negative, 1 positive, 2 home, 3 interlock. */
-static uint32_t digital_inputs(const sj_drive *drive)
+uint32_t sj_drive_digital_inputs(const sj_drive *drive)
 {
     const sj_drive_config *config = &drive->config;
     const double turns = (double)drive->servo.encoder * config->encoder_revolutions /
@@ -518,7 +532,7 @@ static int32_t follow_position(sj_drive *drive, const sj_drive_rx *rx, sj_servo_
     target = software_limited(drive, target);
     step = difference(drive, wrap(drive, turned(drive, target, POLARITY_POSITION)),
                       drive->demand.units);
-    const uint32_t inputs = digital_inputs(drive);
+    const uint32_t inputs = sj_drive_digital_inputs(drive);
     if ((inputs & 1u && step < 0) || (inputs & 2u && step > 0)) {
         /* a limit switch: stop, and follow again only away from it */
         drive->limited = 1;
@@ -578,7 +592,7 @@ static void follow_velocity(sj_drive *drive, const sj_drive_rx *rx, sj_servo_com
         drive->limited = 1;
         drive->follows = 0;
     }
-    const uint32_t inputs = digital_inputs(drive);
+    const uint32_t inputs = sj_drive_digital_inputs(drive);
     if ((inputs & 1u && goal < 0.0) || (inputs & 2u && goal > 0.0) ||
         (uint32_t)drive->missed_in_row > drive->config.sync_extrapolation) {
         drive->limited |= (inputs & 3u) != 0;
@@ -600,7 +614,7 @@ static void follow_velocity(sj_drive *drive, const sj_drive_rx *rx, sj_servo_com
 /* CST: the torque command of the period; 60B2h is already in command->torque_nm. */
 static void follow_torque(sj_drive *drive, const sj_drive_rx *rx, sj_servo_command *command)
 {
-    const uint32_t inputs = digital_inputs(drive);
+    const uint32_t inputs = sj_drive_digital_inputs(drive);
     double torque = drive->torque_demand_nm;
 
     if (!rx->sync_missed) {
@@ -628,7 +642,7 @@ static void follow_torque(sj_drive *drive, const sj_drive_rx *rx, sj_servo_comma
 
 static int mode_supported(int32_t mode)
 {
-    return mode == SJ_MODE_NONE || mode == SJ_MODE_CSP || mode == SJ_MODE_CSV ||
+    return mode == SJ_MODE_NONE || mode == SJ_MODE_HOMING || mode == SJ_MODE_CSP || mode == SJ_MODE_CSV ||
            mode == SJ_MODE_CST;
 }
 
@@ -653,7 +667,7 @@ static int32_t supervise_sync(sj_drive *drive, const sj_drive_rx *rx)
 {
     const uint32_t limit = drive->config.sync_error_limit;
 
-    if (drive->state != SJ_STATE_OPERATION_ENABLED || drive->mode == SJ_MODE_NONE) {
+    if (drive->state != SJ_STATE_OPERATION_ENABLED || drive->mode < SJ_MODE_CSP) {
         drive->missed_in_row = 0;
         drive->sync_errors = 0;
         return SJ_FAULT_NONE;
@@ -755,6 +769,7 @@ static void step_state(sj_drive *drive, uint16_t word)
 
     drive->state = sj_drive_next(before, &input, &ran);
     drive->transitions |= ran;
+    drive->controlword_before = drive->controlword;
     drive->controlword = word;
     if (drive->state == SJ_STATE_OPERATION_ENABLED && before != drive->state) {
         adopt_actual(drive); /* T4, T16 */
@@ -807,6 +822,8 @@ static void move(sj_drive *drive, const sj_drive_rx *rx, sj_servo_command *comma
             adopt_actual(drive);
             stop(drive, command, 1);
             drive->resync = 0;
+        } else if (drive->mode == SJ_MODE_HOMING) {
+            sj_homing_period(drive, command);
         } else if (drive->mode == SJ_MODE_CSP) {
             fault = follow_position(drive, rx, command);
         } else {
@@ -925,10 +942,14 @@ static void tell(sj_drive *drive, const sj_drive_rx *rx, sj_drive_tx *tx)
     word |= drive->warning ? SJ_SW_WARNING : 0;
     word |= rx->sync_missed ? 0 : SJ_SW_SYNC;
     word |= drive->local ? 0 : SJ_SW_REMOTE;
-    word |= target_reached(drive) ? SJ_SW_TARGET_REACHED : 0;
     word |= drive->limited || servo->torque_limited || servo->speed_limited ? SJ_SW_LIMIT : 0;
-    word |= following ? SJ_SW_FOLLOWS : 0;
-    word |= drive->following_error ? SJ_SW_FOLLOWING_ERROR : 0;
+    if (drive->mode == SJ_MODE_HOMING) {
+        word |= sj_homing_bits(drive);
+    } else {
+        word |= target_reached(drive) ? SJ_SW_TARGET_REACHED : 0;
+        word |= following ? SJ_SW_FOLLOWS : 0;
+        word |= drive->following_error ? SJ_SW_FOLLOWING_ERROR : 0;
+    }
 
     tx->statusword = word;
     tx->mode_display = (int8_t)drive->mode;
@@ -947,7 +968,7 @@ static void tell(sj_drive *drive, const sj_drive_rx *rx, sj_drive_tx *tx)
     tx->current_actual = to_int16(servo->torque_nm * per_mille);
     tx->position_internal = (int32_t)(uint32_t)(uint64_t)drive->actual.increments;
     tx->demand_internal = (int32_t)(uint32_t)(uint64_t)drive->demand.increments;
-    tx->digital_inputs = digital_inputs(drive);
+    tx->digital_inputs = sj_drive_digital_inputs(drive);
     tx->dc_link_mv = has_cause(drive, SJ_FAULT_UNDER_VOLTAGE)  ? 0
                      : has_cause(drive, SJ_FAULT_OVER_VOLTAGE) ? 420000
                                                                : 325000;
@@ -987,6 +1008,7 @@ void sj_drive_cycle(sj_drive *drive, const sj_drive_rx *rx, sj_drive_tx *tx)
     if (fault != SJ_FAULT_NONE && drive->state != SJ_STATE_FAULT &&
         drive->state != SJ_STATE_FAULT_REACTION) {
         raise(drive, fault);
+        drive->controlword_before = drive->controlword;
         drive->controlword = effective_controlword(drive, rx->controlword);
     } else {
         step_state(drive, effective_controlword(drive, rx->controlword));
@@ -995,6 +1017,10 @@ void sj_drive_cycle(sj_drive *drive, const sj_drive_rx *rx, sj_drive_tx *tx)
     if (drive->state != SJ_STATE_OPERATION_ENABLED || drive->resync ||
         drive->controlword & SJ_CW_HALT) {
         drive->follows = 0;
+    }
+    if (drive->state != SJ_STATE_OPERATION_ENABLED || drive->mode != SJ_MODE_HOMING ||
+        drive->controlword & SJ_CW_HALT) {
+        drive->homing = SJ_HOMING_IDLE; /* a search that is left is over */
     }
     move(drive, rx, &command);
     sj_servo_period(&drive->servo, &drive->constants, &command);

@@ -92,6 +92,13 @@ enum {                                  /* faults by name; codes and reactions i
     SJ_FAULTS = 14
 };
 
+enum {                                  /* phases of homing */
+    SJ_HOMING_IDLE = 0,
+    SJ_HOMING_SEARCH = 1,               /* for the switch or the index pulse */
+    SJ_HOMING_BACK = 2,                 /* off the switch */
+    SJ_HOMING_STOPPING = 3
+};
+
 enum {                                  /* findings of the verdict on the stream of targets */
     SJ_FINDING_JUMP = 0,                /* further than the jump limit */
     SJ_FINDING_STALE = 1,               /* the same target twice while moving */
@@ -305,7 +312,7 @@ typedef struct {
     int64_t ratio_increments;
     int64_t range;                      /* pu in one wrap of 607Bh */
     int64_t jump_limit;                 /* pu per period */
-    int64_t encoder_seen;               /* increments at the last conversion to pu */
+    int64_t homing_turn;                /* index pulses counted when the search began */
     uint64_t cycles;
     uint32_t causes;                    /* bit n = fault n injected and still there */
     uint32_t transitions;               /* bit n = transition n ran in this cycle */
@@ -316,7 +323,7 @@ typedef struct {
     int32_t limited;                    /* statusword bit 11 of this cycle */
     int32_t missed_in_row;
     int32_t sync_errors;
-    int32_t homing;                     /* phase of the homing method */
+    int32_t homing;                     /* SJ_HOMING_... */
     int32_t homed;                      /* a reference exists */
     int32_t homing_error;
     int32_t resync;                     /* adopt the actual position before following again */
@@ -326,11 +333,11 @@ typedef struct {
     uint32_t following_cycles;          /* spent outside the following window */
     uint32_t window_cycles;             /* spent inside the position window */
     uint32_t stop_cycles;               /* since the end of a stop's ramp */
-    uint16_t controlword;               /* of the cycle before */
+    uint16_t controlword;               /* the one that counts in this cycle */
+    uint16_t controlword_before;
     uint16_t error_code;                /* 603Fh */
     uint8_t following_error;            /* statusword bit 13 */
     uint8_t standing;
-    uint8_t pad8[6];
 } sj_drive;
 
 void sj_drive_config_default(sj_drive_config *config);          /* SGM7J-04A at 1 ms */
@@ -359,6 +366,12 @@ void sj_servo_period(sj_servo *servo, const sj_servo_constants *constants,
 
 /* One period of demand: velocity towards a goal, increments per period and per period^2. */
 void sj_drive_ramp_to(sj_drive *drive, sj_servo_command *command, double goal, double acceleration);
+
+void sj_drive_set_home(sj_drive *drive, int64_t increments);    /* these become 607Ch */
+uint32_t sj_drive_digital_inputs(const sj_drive *drive);        /* 60FDh */
+
+void sj_homing_period(sj_drive *drive, sj_servo_command *command);
+uint16_t sj_homing_bits(const sj_drive *drive);                 /* statusword bits 10, 12, 13 */
 
 void sj_verdict_clear(sj_drive_verdict *verdict);
 void sj_verdict_pause(sj_drive_verdict *verdict);               /* the stream is interrupted */

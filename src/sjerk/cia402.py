@@ -86,6 +86,7 @@ class Mode(enum.IntEnum):
     """Modes of operation 6060h that the drive has."""
 
     NONE = 0
+    HOMING = 6
     CSP = 8
     CSV = 9
     CST = 10

@@ -454,7 +454,7 @@ _PROFILE: tuple[Object, ...] = (
     _var(0x60FC, "Position demand internal", I32, "ro", "T", 0, "inc", "tx.demand_internal"),
     _var(0x60FD, "Digital inputs", U32, "ro", "T", 0, "", "tx.digital_inputs"),
     _var(0x60FF, "Target velocity", I32, "rw", "R", 0, "pu/s", "rx.target_velocity"),
-    _var(0x6502, "Supported drive modes", U32, "ro", "T", 0x00000380, "", ""),
+    _var(0x6502, "Supported drive modes", U32, "ro", "T", 0x000003A0, "", ""),
 )
 
 OBJECTS: dict[int, Object] = {thing.index: thing for thing in (*_COMMUNICATION, *_MAKER, *_PROFILE)}
