@@ -193,13 +193,22 @@ class Node:
             self._sync(now)
         elif identifier == 0x600 + self.device.node_id:
             if self.nmt in (PRE_OPERATIONAL, OPERATIONAL):
-                response = self._sdo.answer(data)
-                if response is not None:
-                    self._send(0x580 + self.device.node_id, response)
+                self._serve(data, now)
         elif 0x700 < identifier < 0x780:
             self._heard(identifier - 0x700, now)
         elif self.nmt == OPERATIONAL:
             self._process_data(identifier, data)
+
+    def _serve(self, request: bytes, now: float) -> None:
+        """One SDO request; without SYNC a new controlword counts before the statusword is read."""
+        response = self._sdo.answer(request)
+        if response is None:
+            return
+        if response[0] == 0x60 and response[1:4] == b"\x40\x60\x00" and not self._synced:
+            self.device.cycle()
+            self._after_cycle()
+            self._cycle_due = now + self.device.drive.config.period_s
+        self._send(0x580 + self.device.node_id, response)
 
     def _command(self, data: bytes, now: float) -> None:
         """NMT: start, stop, enter pre-operational, reset node, reset communication."""
