@@ -400,7 +400,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of ``python -m sjerk drive``."""
     parser.add_argument("--interface", default="udp_multicast", help="of python-can")
     parser.add_argument("--channel", default="239.74.163.2", help="of python-can")
-    parser.add_argument("--bitrate", type=int, help="of interfaces that need one")
+    parser.add_argument(
+        "--option",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help="one more option of the interface, such as bitrate=1000000; may be repeated",
+    )
     parser.add_argument("--node", type=int, default=5, help="node number, 1 to 127")
     parser.add_argument("--motor", default="SGM7J-04A", choices=sorted(MOTORS))
     parser.add_argument("--load-inertia", type=float, default=1.0, help="load / rotor inertia")
@@ -434,10 +440,13 @@ def run(arguments: argparse.Namespace) -> int:
 
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, stop)
-    options = {"bitrate": arguments.bitrate} if arguments.bitrate else {}
+    options: dict[str, str | int] = {}
+    for option in arguments.option:
+        name, _, value = option.partition("=")
+        options[name] = int(value) if value.isdecimal() else value
     try:
         bus = can.Bus(interface=arguments.interface, channel=arguments.channel, **options)
-    except (can.CanError, OSError, ValueError, ImportError) as error:
+    except (can.CanError, OSError, ValueError, TypeError, ImportError) as error:
         print(f"no bus {arguments.interface} {arguments.channel}: {error}", file=sys.stderr)
         return 1
 
