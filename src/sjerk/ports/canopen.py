@@ -440,7 +440,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, stop)
-    options: dict[str, str | int] = {}
+    options: dict[str, Any] = {}
     for option in arguments.option:
         name, _, value = option.partition("=")
         options[name] = int(value) if value.isdecimal() else value
