@@ -1,9 +1,543 @@
-/* The wiring room. */
-#include <stdint.h>
+/* The interpolator, Eqs. (15)-(17), and one cycle of the kernel.
+ *
+ * Time is counted in cycles (T_s = 1), so the bilinear integration is sums and halves only; done in
+ * double-double it is exact far below the last bit of a position. Never here: planning, time,
+ * memory of its own, bit masks of drives.
+ */
+#include <float.h>  /* DBL_EPSILON, for the rounding of levels */
+#include <math.h>   /* fabs, isfinite */
 #include <stddef.h>
+#include <stdint.h>
 #include "_kernel.h"
+#include "_exact.h" /* double-double sums */
 
-int32_t sj_max_axes(void)
+/* ---- Eqs. (15)-(17) -------------------------------------------------------------------------- */
+
+/* One cycle of jerk j[k] from the sample at k-1. */
+static void integrate(sj_interpolator *ip, sj_exact j)
 {
-    return SJ_AXES;
+    sj_exact a, v, q;
+    /* Eq. (15): a[k] = a[k-1] + 0.5 (j[k] + j[k-1]) */
+    a = exact_add(ip->a, exact_half(exact_add(j, ip->j)));
+    /* Eq. (16): v[k] = v[k-1] + 0.5 (a[k] + a[k-1]) */
+    v = exact_add(ip->v, exact_half(exact_add(a, ip->a)));
+    /* Eq. (17): q[k] = q[k-1] + 0.5 (v[k] + v[k-1]) */
+    q = exact_add(ip->q, exact_half(exact_add(v, ip->v)));
+    ip->q = exact_add(q, ip->spread);
+    ip->v = v;
+    ip->a = a;
+    ip->j = j;
+}
+
+void sj_interpolator_start(sj_interpolator *ip, const sj_state *sample)
+{
+    *ip = (sj_interpolator){0};
+    ip->q = exact_of(sample->position);
+    ip->v = exact_of(sample->velocity);
+    ip->a = exact_of(sample->acceleration);
+    ip->goal = sample->position;
+    ip->goal_velocity = sample->velocity;
+    ip->goal_free = 1;
+}
+
+/* ---- the half-cycle lemma -------------------------------------------------------------------- */
+
+/* A = a + j/2,  V = v + a/2,  P = q + v/2 - A/12  (T_s = 1). */
+typedef struct {
+    sj_exact P, V, A;
+} continuous;
+
+static continuous lemma(sj_exact q, sj_exact v, sj_exact a, sj_exact j)
+{
+    continuous plan;
+    plan.A = exact_add(a, exact_half(j));
+    plan.V = exact_add(v, exact_half(a));
+    plan.P = exact_subtract(exact_add(q, exact_half(v)), exact_divide(plan.A, 12.0));
+    return plan;
+}
+
+void sj_lemma_plan(const sj_state *sample, double jerk, sj_state *plan)
+{
+    continuous p = lemma(exact_of(sample->position), exact_of(sample->velocity),
+                         exact_of(sample->acceleration), exact_of(jerk));
+    *plan = (sj_state){p.P.hi, p.V.hi, p.A.hi};
+}
+
+void sj_lemma_sample(const sj_state *plan, double jerk, sj_state *sample)
+{
+    sj_exact a = exact_two_sum(plan->acceleration, -0.5 * jerk);
+    sj_exact v = exact_subtract(exact_of(plan->velocity), exact_half(a));
+    sj_exact q = exact_subtract(exact_of(plan->position), exact_half(v));
+    q = exact_add(q, exact_divide(exact_of(plan->acceleration), 12.0));
+    *sample = (sj_state){q.hi, v.hi, a.hi};
+}
+
+/* ---- loading a plan -------------------------------------------------------------------------- */
+
+/* How far the rounding of a plan may leave its end from the goal, relative to the path. A plan that
+ * is further off was not made for this start. */
+static const double landing_tolerance = 1e-9;
+
+/* The acceleration at the end of a phase, as the planner meant it: zero where only rounding is left. */
+static double level_after(double level, const sj_phase *phase)
+{
+    double change = (double)phase->cycles * phase->jerk;
+    double end = level + change;
+    return fabs(end) <= 16.0 * DBL_EPSILON * fabs(change) ? 0.0 : end;
+}
+
+/* Take over a plan from the present sample: by the lemma the continuous state, then exactly along
+ * the phases; what is missing to the goal at the end is spread over all cycles. The interpolator is
+ * unchanged unless SJ_LOAD_OK is returned. goal_free: the end position is where the phases lead. */
+int32_t sj_interpolator_load(sj_interpolator *ip, const sj_plan *plan, double goal,
+                             double goal_velocity, int32_t goal_free)
+{
+    sj_interpolator next = *ip;
+    continuous at = lemma(ip->q, ip->v, ip->a, ip->j);
+    sj_exact start = at.P;
+    double path = fabs(goal - start.hi), fastest = fmax(fabs(at.V.hi), fabs(goal_velocity));
+    int64_t cycles = 0;
+
+    if (plan->count < 0 || plan->count > SJ_PHASES)
+        return SJ_LOAD_PHASES;
+    for (int32_t i = 0; i < plan->count; i++) {
+        const sj_phase *phase = &plan->phase[i];
+        double n = (double)phase->cycles, end;
+        sj_exact change, twice;
+        if (phase->cycles < 1 || phase->cycles > SJ_CYCLES_MAX - cycles || !isfinite(phase->jerk))
+            return SJ_LOAD_PHASES;
+        end = level_after(at.A.hi, phase);
+        if (i == plan->count - 1) {
+            if (fabs(end) > landing_tolerance * fabs(n * phase->jerk))
+                return SJ_LOAD_MISSES;
+            end = 0.0;
+        }
+        change = exact_subtract(exact_of(end), at.A);
+        next.legs[i].cycles = phase->cycles;
+        next.legs[i].jerk = exact_divide(change, n);
+        /* Eqs. (5), (3) over the phase: P += n V + n^2 (2 A + A_end) / 6,  V += n (A + A_end) / 2 */
+        twice = exact_add(at.A, at.A);
+        at.P = exact_add(at.P, exact_scale(at.V, n));
+        at.P = exact_add(at.P, exact_divide(exact_multiply(exact_two_product(n, n),
+                                                           exact_add(twice, exact_of(end))), 6.0));
+        at.V = exact_add(at.V, exact_half(exact_scale(exact_add(at.A, exact_of(end)), n)));
+        at.A = exact_of(end);
+        cycles += phase->cycles;
+        fastest = fmax(fastest, fabs(at.V.hi));
+        path += n * fastest;
+    }
+    if (cycles != plan->cycles)
+        return SJ_LOAD_PHASES;
+
+    next.spread = exact_of(0.0);
+    if (fabs(at.V.hi - goal_velocity) > landing_tolerance * fastest)
+        return SJ_LOAD_MISSES;
+    if (!goal_free) {
+        /* Lemma, point 2: the sample settles half a cycle of goal_velocity after the plan's end. */
+        sj_exact missing = exact_subtract(exact_two_sum(goal, -0.5 * goal_velocity), at.P);
+        if (!(fabs(missing.hi) <= landing_tolerance * path))
+            return SJ_LOAD_MISSES;
+        next.spread = exact_divide(missing, (double)(cycles + 1));
+    }
+    next.goal = goal;
+    next.goal_velocity = goal_velocity;
+    next.goal_free = goal_free;
+    next.count = plan->count;
+    next.leg = 0;
+    next.left = plan->count > 0 ? next.legs[0].cycles : 0;
+    next.ahead = cycles + 1;
+    *ip = next;
+    return SJ_LOAD_OK;
+}
+
+/* ---- one cycle and many ---------------------------------------------------------------------- */
+
+static void settle(sj_interpolator *ip)
+{
+    if (!ip->goal_free)
+        ip->q = exact_of(ip->goal);
+    ip->v = exact_of(ip->goal_velocity);
+    ip->a = ip->j = ip->spread = exact_of(0.0);
+}
+
+static void count_cycles(sj_interpolator *ip, int64_t cycles)
+{
+    if (ip->ahead > 0) {
+        ip->ahead -= cycles;
+        if (ip->ahead == 0)
+            settle(ip);
+    }
+    if (ip->leg < ip->count) {
+        ip->left -= cycles;
+        if (ip->left == 0 && ++ip->leg < ip->count)
+            ip->left = ip->legs[ip->leg].cycles;
+    }
+}
+
+/* The sample of the next cycle. Returns 1 until the motion has settled, then 0; a settled motion
+ * goes on with its end velocity. */
+int32_t sj_interpolator_step(sj_interpolator *ip)
+{
+    integrate(ip, ip->leg < ip->count ? ip->legs[ip->leg].jerk : exact_of(0.0));
+    count_cycles(ip, 1);
+    return ip->ahead > 0;
+}
+
+enum { BLOCK = 256 }; /* cycles evaluated from one exact anchor */
+
+/* Wider vectors where the processor has them. The same operations in the same order, no fused ones,
+ * so the same bits. (Sanitizers start after the resolver of such a function runs.) */
+#if defined(__x86_64__) && defined(__GLIBC__) && defined(__GNUC__) && !defined(__SANITIZE_ADDRESS__)
+#define WIDE __attribute__((target_clones("avx2", "default")))
+#else
+#define WIDE
+#endif
+
+/* x cut to its upper `bits` bits, and the rest: products of the upper part with small integers are
+ * exact. */
+static sj_exact cut(sj_exact x, int bits)
+{
+    double big = (double)((INT64_C(1) << (53 - bits)) + 1) * x.hi;
+    double top = big - (big - x.hi);
+    return (sj_exact){top, (x.hi - top) + x.lo};
+}
+
+/* n <= BLOCK cycles inside a leg, Eqs. (15)-(17) summed in closed form from the present sample:
+ *   a[m] = a + m j,   v[m] = v + m a + m^2 j/2,   q[m] = q + m (v + j/12) + m^2 a/2 + m^3 j/6
+ * The products of the upper parts are exact (m: 8 bits), their sums carry their error along: each
+ * q[m] is the nearest double of the exact sum, as from single steps. */
+WIDE static void fill_block(sj_interpolator *ip, double cycle_time_s, int64_t row, int n,
+                            const sj_table *out)
+{
+    sj_exact j12 = exact_divide(ip->j, 12.0);
+    sj_exact c1 = exact_add(exact_add(ip->v, j12), ip->spread);
+    sj_exact c2 = exact_half(ip->a), c3 = exact_add(j12, j12);
+    sj_exact top1 = cut(c1, 44), top2 = cut(c2, 36), top3 = cut(c3, 28);
+    const double q_hi = ip->q.hi, q_lo = ip->q.lo;
+    const double t1 = top1.hi, t2 = top2.hi, t3 = top3.hi;
+    const double r1 = top1.lo, r2 = top2.lo, r3 = top3.lo;
+    const double T = cycle_time_s, per_T = 1.0 / T, per_T2 = per_T / T, k = (double)row - 1.0;
+    const double v = ip->v.hi * per_T, a = ip->a.hi * per_T2, j = ip->j.hi * per_T2;
+    const double v_a = ip->a.hi * per_T, v_j = 0.5 * ip->j.hi * per_T, jerk = j * per_T;
+    double *restrict time = out->time + row, *restrict position = out->position + row;
+    double *restrict velocity = out->velocity + row, *restrict jerks = out->jerk + row;
+    double *restrict acceleration = out->acceleration + row;
+    double m_n = (double)n;
+    sj_exact squared = exact_of(m_n * m_n), cubed = exact_of(m_n * m_n * m_n);
+
+    for (int i = 0; i < n; i++) {
+        double m = (double)(i + 1), m2 = m * m;
+        sj_exact s1 = exact_two_sum(q_hi, m * t1);
+        sj_exact s2 = exact_two_sum(s1.hi, m2 * t2);
+        sj_exact s3 = exact_two_sum(s2.hi, m2 * m * t3);
+        double low = (s1.lo + s2.lo + s3.lo) + (q_lo + m * (r1 + m * (r2 + m * r3)));
+        position[i] = s3.hi + low;
+        velocity[i] = v + m * (v_a + m * v_j);
+        acceleration[i] = a + m * j;
+        jerks[i] = jerk;
+        time[i] = (k + m) * T;
+    }
+    ip->q = exact_add(ip->q, exact_scale(c1, m_n));
+    ip->q = exact_add(ip->q, exact_multiply(c2, squared));
+    ip->q = exact_add(ip->q, exact_multiply(c3, cubed));
+    ip->v = exact_add(ip->v, exact_scale(ip->a, m_n));
+    ip->v = exact_add(ip->v, exact_half(exact_multiply(ip->j, squared)));
+    ip->a = exact_add(ip->a, exact_scale(ip->j, m_n));
+    count_cycles(ip, n);
+}
+
+static void write_row(const sj_interpolator *ip, double T, int64_t row, const sj_table *out)
+{
+    out->time[row] = (double)row * T;
+    out->position[row] = ip->q.hi;
+    out->velocity[row] = ip->v.hi / T;
+    out->acceleration[row] = ip->a.hi / (T * T);
+    out->jerk[row] = ip->j.hi / (T * T * T);
+}
+
+/* The next cycles as rows first_row .. rows - 1 of a table, in SI units of time. */
+void sj_interpolator_fill(sj_interpolator *ip, double cycle_time_s, int64_t first_row,
+                          const sj_table *out)
+{
+    for (int64_t row = first_row; row < out->rows;) {
+        int64_t inside = ip->leg < ip->count ? ip->left : 0, room = out->rows - row;
+        int n = (int)(inside < BLOCK ? inside : BLOCK);
+        n = room < n ? (int)room : n;
+        /* A leg's first cycle mixes two jerks, its last may settle the motion: single steps. */
+        if (n > 4 && ip->left < ip->legs[ip->leg].cycles) {
+            fill_block(ip, cycle_time_s, row, n, out);
+            row += n;
+        } else {
+            sj_interpolator_step(ip);
+            write_row(ip, cycle_time_s, row, out);
+            row++;
+        }
+    }
+}
+
+/* A whole motion: row 0 the start, rows 1 .. N the cycles, row N + 1 the settled end. `start` and
+ * `end` are samples in SI units of time, the plan is in cycle units. */
+int32_t sj_sample(const sj_plan *plan, const sj_state *start, const sj_state *end,
+                  double cycle_time_s, const sj_table *out)
+{
+    const double T = cycle_time_s;
+    sj_state first = {start->position, start->velocity * T, start->acceleration * T * T};
+    int64_t last = plan->cycles + 1;
+    sj_interpolator ip;
+    int32_t status;
+
+    sj_interpolator_start(&ip, &first);
+    status = sj_interpolator_load(&ip, plan, end->position, end->velocity * T, 0);
+    if (status != SJ_LOAD_OK)
+        return status;
+    sj_interpolator_fill(&ip, T, 1, out);
+    out->time[0] = 0.0;
+    out->position[0] = start->position;
+    out->velocity[0] = start->velocity;
+    out->acceleration[0] = start->acceleration;
+    out->jerk[0] = 0.0;
+    if (out->rows > last)
+        out->velocity[last] = end->velocity; /* not by way of cycle units and back */
+    return SJ_LOAD_OK;
+}
+
+/* ---- one cycle: collect, interpolate, drive, publish ----------------------------------------- */
+
+uint64_t sj_command_bytes(int32_t axes)
+{
+    return offsetof(sj_command, axis) + (uint64_t)axes * sizeof(sj_axis_command);
+}
+
+uint64_t sj_feedback_bytes(int32_t axes)
+{
+    return offsetof(sj_feedback, axis) + (uint64_t)axes * sizeof(sj_axis_feedback);
+}
+
+/* 0, or -1: the number of axes is out of range. Then every axis must be set. */
+int32_t sj_kernel_init(sj_kernel *kernel, void *segment, int32_t axes)
+{
+    if (axes < 1 || axes > SJ_AXES)
+        return -1;
+    *kernel = (sj_kernel){0};
+    kernel->segment = segment;
+    kernel->axes = axes;
+    kernel->feedback.axes = axes;
+    kernel->feedback.result_axis = -1;
+    return 0;
+}
+
+/* As sj_drive_init. */
+int32_t sj_kernel_axis(sj_kernel *kernel, int32_t axis, const sj_drive_config *drive,
+                       const sj_limits *limits, double counts_per_unit)
+{
+    sj_axis *ax = &kernel->axis[axis];
+    int32_t status = sj_drive_init(&ax->drive, drive);
+    if (status != 0)
+        return status;
+    ax->limits = *limits;
+    ax->counts_per_unit = counts_per_unit;
+    ax->cycle_time_s = drive->period_s;
+    sj_drive_cycle(&ax->drive, &ax->rx, &ax->tx);
+    ax->actual_counts = ax->tx.position_actual;
+    sj_interpolator_start(&ax->interpolator,
+                          &(sj_state){(double)ax->actual_counts / counts_per_unit, 0.0, 0.0});
+    return 0;
+}
+
+/* While the drive does not follow, the commanded position is the actual one. */
+static void observe(sj_axis *ax)
+{
+    uint32_t change = (uint32_t)ax->tx.position_actual - (uint32_t)ax->actual_counts;
+    ax->actual_counts += (int32_t)change;
+    ax->following = sj_master_follows(ax->tx.statusword);
+    if (!ax->following)
+        sj_interpolator_start(
+            &ax->interpolator,
+            &(sj_state){(double)ax->actual_counts / ax->counts_per_unit, 0.0, 0.0});
+}
+
+static int32_t moving(const sj_axis *ax)
+{
+    return ax->interpolator.ahead > 0 || ax->interpolator.v.hi != 0.0;
+}
+
+/* A jerk-limited way to rest from the commanded state; where it ends is open. */
+static void stop_axis(sj_axis *ax)
+{
+    const sj_interpolator *ip = &ax->interpolator;
+    sj_state sample = {0.0, ip->v.hi, ip->a.hi}, from;
+    sj_plan plan;
+    if (!moving(ax))
+        return;
+    sj_lemma_plan(&sample, ip->j.hi, &from);
+    sj_plan_stop(&from, &ax->limits, &plan);
+    sj_interpolator_load(&ax->interpolator, &plan, ip->q.hi, 0.0, 1);
+}
+
+static int32_t judge(const sj_axis *ax, const sj_axis_command *goal)
+{
+    if (!ax->following)
+        return SJ_RESULT_NOT_FOLLOWING;
+    if (moving(ax))
+        return SJ_RESULT_MOVING;
+    /* beyond 2^52 increments a double no longer tells two of them apart */
+    if (!(fabs(goal->goal * ax->counts_per_unit) < 4503599627370496.0))
+        return SJ_RESULT_RANGE;
+    if (goal->start != ax->interpolator.q.hi)
+        return SJ_RESULT_PLAN;
+    return SJ_RESULT_ACCEPTED;
+}
+
+/* All axes take the goal, or none does. */
+static void take_goal(sj_kernel *kernel, int32_t stopped)
+{
+    const sj_command *command = &kernel->command;
+    sj_feedback *feedback = &kernel->feedback;
+    int32_t result = stopped ? SJ_RESULT_STOPPED : SJ_RESULT_ACCEPTED, refused = -1;
+
+    kernel->goal_id = command->goal_id;
+    for (int32_t i = 0; i < kernel->axes && result == SJ_RESULT_ACCEPTED; i++) {
+        sj_axis *ax = &kernel->axis[i];
+        const sj_axis_command *goal = &command->axis[i];
+        if (!goal->moves)
+            continue;
+        result = judge(ax, goal);
+        if (result == SJ_RESULT_ACCEPTED) {
+            sj_interpolator trial = ax->interpolator;
+            if (sj_interpolator_load(&trial, &goal->plan, goal->goal, goal->goal_velocity, 0) !=
+                SJ_LOAD_OK)
+                result = SJ_RESULT_PLAN;
+        }
+        if (result != SJ_RESULT_ACCEPTED)
+            refused = i;
+    }
+    for (int32_t i = 0; i < kernel->axes && result == SJ_RESULT_ACCEPTED; i++) {
+        const sj_axis_command *goal = &command->axis[i];
+        sj_axis_feedback *out = &feedback->axis[i];
+        if (!goal->moves)
+            continue;
+        sj_interpolator_load(&kernel->axis[i].interpolator, &goal->plan, goal->goal,
+                             goal->goal_velocity, 0);
+        out->goal = goal->goal;
+        out->goal_id = command->goal_id;
+        out->peak_velocity = out->peak_acceleration = out->peak_jerk = 0.0;
+    }
+    feedback->result_goal_id = command->goal_id;
+    feedback->result = result;
+    feedback->result_axis = refused;
+}
+
+static void stop_all(sj_kernel *kernel)
+{
+    for (int32_t i = 0; i < kernel->axes; i++)
+        stop_axis(&kernel->axis[i]);
+}
+
+/* Edges are counters: each is acted on once, whatever was overwritten in between. */
+static void collect(sj_kernel *kernel, uint64_t now_ns)
+{
+    sj_command *command = &kernel->command;
+    int32_t host = sj_shm_host_state(kernel->segment, now_ns);
+    int32_t stopped = kernel->ending;
+
+    if (host != kernel->host_state && host == SJ_HOST_DEAD)
+        stop_all(kernel); /* once; the next host may move on */
+    kernel->host_state = host;
+    if (kernel->ending && kernel->feedback.ending == 0)
+        stop_all(kernel);
+    kernel->feedback.ending = kernel->ending;
+    if (sj_command_collect(kernel->segment, command) == 1) {
+        if (command->stop_count != kernel->stop_count) {
+            kernel->stop_count = command->stop_count;
+            stopped = 1;
+            stop_all(kernel);
+        }
+        if (command->reset_count != kernel->reset_count) {
+            kernel->reset_count = command->reset_count;
+            kernel->reset = 2; /* one cycle low, then the edge */
+        }
+        kernel->enable = command->enable;
+        if (command->goal_id != kernel->goal_id)
+            take_goal(kernel, stopped);
+        kernel->feedback.sequence = command->sequence;
+        kernel->feedback.stop_count = kernel->stop_count;
+        kernel->feedback.reset_count = kernel->reset_count;
+    }
+}
+
+/* A drive is disabled only at rest. */
+static int32_t wanted(const sj_kernel *kernel, const sj_axis *ax)
+{
+    return (kernel->enable && !kernel->ending) || (ax->following && moving(ax));
+}
+
+static void drive(sj_kernel *kernel, sj_axis *ax)
+{
+    double counts = ax->interpolator.q.hi * ax->counts_per_unit;
+    int64_t target = ax->following ? llround(counts) : ax->actual_counts;
+    ax->rx.mode = SJ_MODE_CSP;
+    ax->rx.controlword =
+        sj_master_controlword(ax->tx.statusword, wanted(kernel, ax), kernel->reset == 1);
+    ax->rx.target_position = (int32_t)(uint32_t)(uint64_t)target; /* the counter wraps */
+    sj_drive_cycle(&ax->drive, &ax->rx, &ax->tx);
+}
+
+static void report(const sj_axis *ax, sj_axis_feedback *out)
+{
+    const sj_interpolator *ip = &ax->interpolator;
+    out->position = ip->q.hi;
+    out->velocity = ip->v.hi;
+    out->acceleration = ip->a.hi;
+    out->jerk = ip->j.hi;
+    out->peak_velocity = fmax(out->peak_velocity, fabs(ip->v.hi));
+    out->peak_acceleration = fmax(out->peak_acceleration, fabs(ip->a.hi));
+    out->peak_jerk = fmax(out->peak_jerk, fabs(ip->j.hi));
+    out->actual_position = (double)ax->actual_counts / ax->counts_per_unit;
+    out->actual_velocity = ax->tx.velocity_actual * ax->cycle_time_s / ax->counts_per_unit;
+    out->target_counts = ax->following ? llround(ip->q.hi * ax->counts_per_unit)
+                                       : ax->actual_counts;
+    out->actual_counts = ax->actual_counts;
+    out->following_error = ax->tx.following_error;
+    out->statusword = ax->tx.statusword;
+    out->error_code = ax->tx.error_code;
+    out->moving = ax->following && moving(ax);
+    out->follows = ax->following;
+    out->enabled = sj_master_enabled(ax->tx.statusword);
+    out->fault = sj_master_fault(ax->tx.statusword);
+}
+
+/* Top to bottom in the order of the data. now_ns: the begin of the cycle, any monotonic clock. */
+void sj_kernel_cycle(sj_kernel *kernel, uint64_t now_ns)
+{
+    for (int32_t i = 0; i < kernel->axes; i++)
+        observe(&kernel->axis[i]);
+    collect(kernel, now_ns);
+    for (int32_t i = 0; i < kernel->axes; i++) {
+        sj_axis *ax = &kernel->axis[i];
+        if (ax->following)
+            sj_interpolator_step(&ax->interpolator);
+        drive(kernel, ax);
+        report(ax, &kernel->feedback.axis[i]);
+    }
+    if (kernel->reset > 0)
+        kernel->reset--;
+    kernel->feedback.cycle++;
+    kernel->feedback.time_ns = now_ns;
+    sj_shm_beat_kernel(kernel->segment, now_ns);
+    sj_feedback_publish(kernel->segment, &kernel->feedback);
+}
+
+void sj_kernel_cycles(sj_kernel *kernel, int64_t cycles)
+{
+    while (cycles-- > 0)
+        sj_kernel_cycle(kernel, 0);
+}
+
+int32_t sj_kernel_at_rest(const sj_kernel *kernel)
+{
+    for (int32_t i = 0; i < kernel->axes; i++)
+        if ((kernel->axis[i].following && moving(&kernel->axis[i])) ||
+            sj_master_enabled(kernel->axis[i].tx.statusword))
+            return 0;
+    return 1;
 }

@@ -10,9 +10,145 @@
 
 /* ---- ground ---------------------------------------------------------------------------------- */
 
-enum { SJ_AXES = 64 };                  /* most axes of one kernel */
+enum {
+    SJ_AXES = 64,                       /* most axes of one kernel */
+    SJ_PHASES = 24                      /* most phases of one plan */
+};
+#define SJ_CYCLES_MAX 1125899906842624 /* most cycles of one plan, 2^50 */
+
+typedef struct {
+    double hi, lo;                      /* the sum of both, about 106 bits (_exact.h) */
+} sj_exact;
+
+typedef struct {
+    double position, velocity, acceleration;
+} sj_state;
+
+/* Constant jerk over each of `cycles` whole cycles; Eq. (1). */
+typedef struct {
+    int64_t cycles;
+    double jerk;
+} sj_phase;
+
+/* A motion in whole cycles, jerks per cycle^3 in the direction of the axis. */
+typedef struct {
+    int64_t cycles;                     /* sum of the phases' cycles, N */
+    int32_t count;                      /* phases used */
+    int32_t reserved;
+    sj_phase phase[SJ_PHASES];
+} sj_plan;
+
+/* ---- peers: profile (_profile.c) ------------------------------------------------------------- */
+
+/* Magnitudes, per cycle; the direction of the motion has the first pair, against it the second. */
+typedef struct {
+    double velocity, acceleration, jerk, deceleration, deceleration_jerk;
+} sj_limits;
+
+void sj_plan_stop(const sj_state *from, const sj_limits *limits, sj_plan *plan);
 
 /* ---- peers: handshake (_handshake.c) --------------------------------------------------------- */
+
+/* What the payloads are is the business of the wiring; here they are bytes. */
+typedef struct {
+    uint32_t command_bytes;             /* one command for all axes, > 0 */
+    uint32_t feedback_bytes;            /* one feedback frame, > 0 */
+    uint32_t record_bytes;              /* one look-ahead record for all axes */
+    uint32_t record_capacity;           /* records in the ring: a power of two, or 0 for no ring */
+    uint32_t event_bytes;               /* one event */
+    uint32_t event_capacity;            /* events kept: a power of two >= 4, or 0 for no events */
+    uint64_t abi;                       /* hash of the payload layouts, given by the caller */
+} sj_shm_config;
+
+enum { SJ_SHM_MAJOR = 1, SJ_SHM_MINOR = 0, SJ_SHM_PAGE = 4096 };
+
+enum sj_shm_status {
+    SJ_SHM_OK = 0,
+    SJ_SHM_NOT_READY = -1,              /* still being created, or its creator died at it */
+    SJ_SHM_TRUNCATED = -2,              /* shorter than its header says */
+    SJ_SHM_MAGIC = -3,                  /* not a segment of sjerk */
+    SJ_SHM_VERSION = -4,                /* another major version of the layout */
+    SJ_SHM_ABI = -5,                    /* other payload layouts */
+    SJ_SHM_CONFIG = -6,                 /* sizes out of range, or not those of the header */
+    SJ_SHM_CORRUPT_HEADER = -7,
+    SJ_SHM_CORRUPT_WORD = -8,           /* the command word is none of its twelve values */
+    SJ_SHM_CORRUPT_DATA = -9,           /* a checksum fails: a second writer, or a wild one */
+    SJ_SHM_CORRUPT_COUNTER = -10,       /* a counter ran backwards or out of its ring */
+    SJ_SHM_LAPPED = -11,                /* the reader was overtaken too often; ask again */
+    SJ_SHM_KERNEL_RESTARTED = -12       /* the addressed kernel is gone; see sj_shm_address */
+};
+
+enum sj_shm_host_state {
+    SJ_HOST_ABSENT = 0,                 /* none yet, or the last one left in order */
+    SJ_HOST_ALIVE = 1,
+    SJ_HOST_SILENT = 2,                 /* asked to be watched and let its time pass */
+    SJ_HOST_DEAD = 3                    /* lost its lock without leaving */
+};
+
+/* Where the single words lie, for tests and debuggers; the slots follow page by page. */
+enum sj_shm_offset {
+    SJ_SHM_HEADER = 0,                  /* written once */
+    SJ_SHM_HOST = 4096,                 /* written by the host */
+    SJ_SHM_COMMAND = 8192,              /* the one word that both sides write */
+    SJ_SHM_KERNEL = 12288,              /* written by the kernel */
+    SJ_SHM_SLOTS = 16384                /* command, feedback, ring, events; each on its own pages */
+};
+
+enum { SJ_SHM_FEEDBACK_SLOTS = 8, SJ_SHM_COLLECT_TRIES = 4, SJ_SHM_READ_TRIES = 64 };
+
+/* The segment. */
+uint64_t sj_shm_size(const sj_shm_config *config);   /* bytes; 0 if the config is out of range */
+int32_t sj_shm_format(void *base, uint64_t size, const sj_shm_config *config);
+int32_t sj_shm_check(const void *base, uint64_t size, const sj_shm_config *config); /* config may be NULL */
+int32_t sj_shm_read_config(const void *base, uint64_t size, sj_shm_config *config);
+uint32_t sj_shm_read_version(const void *base, uint64_t size);  /* major << 16 | minor, as found */
+
+/* Who lives: epochs, heartbeats, orderly leave. Time is an argument; any monotonic nanoseconds. */
+uint64_t sj_shm_begin_kernel(void *base, uint64_t now_ns);  /* the new kernel epoch, >= 1 */
+uint64_t sj_shm_begin_host(void *base, uint64_t pid, uint64_t now_ns); /* the new host epoch, >= 1 */
+void sj_shm_leave_host(void *base);     /* an orderly end, so that it is not taken for a death */
+void sj_shm_leave_kernel(void *base);
+int32_t sj_shm_kernel_left(const void *base);        /* 1: the last kernel ended in order */
+uint64_t sj_shm_kernel_epoch(const void *base);
+uint64_t sj_shm_host_epoch(const void *base);
+uint64_t sj_shm_host_pid(const void *base);
+uint64_t sj_shm_address(void *base);    /* host: from now on speak to the present kernel; its epoch */
+uint64_t sj_shm_addressed(const void *base);
+void sj_shm_watch_host(void *base, uint64_t timeout_ns, uint64_t now_ns); /* host: watch me; 0: do not */
+void sj_shm_beat_host(void *base, uint64_t now_ns);
+void sj_shm_beat_kernel(void *base, uint64_t now_ns);
+uint64_t sj_shm_host_beat(const void *base);
+uint64_t sj_shm_kernel_beat(const void *base);
+void sj_shm_note_host(void *base, uint64_t host_epoch, int32_t lock_held); /* kernel side, outside the cycle */
+int32_t sj_shm_host_state(const void *base, uint64_t now_ns);  /* in the cycle: enum sj_shm_host_state */
+
+/* Command: host to kernel, latest value. Publish: 0 or < 0. Collect: 1 fresh, 0 none, < 0 corrupt
+ * (what `command` points to is then undefined). Neither waits; collect is wait-free. */
+int32_t sj_command_publish(void *base, const void *command);
+int32_t sj_command_collect(void *base, void *command);
+uint64_t sj_command_published(const void *base);     /* commands begun since creation */
+uint64_t sj_command_collected(const void *base);     /* number of the newest command the kernel took */
+
+/* Feedback: kernel to many, latest value. Read: 1 a frame and its number, 0 nothing published yet. */
+void sj_feedback_publish(void *base, const void *feedback);
+int32_t sj_feedback_read(const void *base, void *feedback, uint64_t *sequence);
+uint64_t sj_feedback_latest(const void *base);       /* number of the newest frame; cheap to poll */
+
+/* Ring: host to kernel, every record once and in order. Publish: 1 all of them, 0 no room for all,
+ * < 0. Take: 1 a record, 0 empty, < 0 corrupt (and stays so until flushed). */
+int32_t sj_ring_publish(void *base, const void *records, uint32_t count);
+int32_t sj_ring_take(void *base, void *record);
+void sj_ring_flush(void *base);         /* host: discard what was published before this call */
+uint64_t sj_ring_published(const void *base);        /* records published since creation */
+uint64_t sj_ring_taken(const void *base);            /* records taken or discarded since creation */
+uint64_t sj_ring_discarded(const void *base);        /* of these, flushed or meant for an earlier kernel */
+uint32_t sj_ring_waiting(const void *base);          /* records the kernel can still take */
+
+/* Events: kernel to many, the newest overwrite the oldest. Read: 1 the event after *cursor, 0 none;
+ * *missed grows by exactly the events that were overwritten unread. Start with *cursor = 0 or latest. */
+void sj_event_publish(void *base, const void *event);
+int32_t sj_event_read(const void *base, uint64_t *cursor, void *event, uint64_t *missed);
+uint64_t sj_event_latest(const void *base);
 
 /* ---- peers: drive (_cia402.c, _servo.c) ------------------------------------------------------ */
 
@@ -373,10 +509,162 @@ uint32_t sj_drive_digital_inputs(const sj_drive *drive);        /* 60FDh */
 void sj_homing_period(sj_drive *drive, sj_servo_command *command);
 uint16_t sj_homing_bits(const sj_drive *drive);                 /* statusword bits 10, 12, 13 */
 
+/* The master's side of the words. */
+uint16_t sj_master_controlword(uint16_t statusword, int32_t enable, int32_t reset);
+int32_t sj_master_enabled(uint16_t statusword);                 /* OPERATION ENABLED */
+int32_t sj_master_follows(uint16_t statusword);                 /* enabled and following, bit 12 */
+int32_t sj_master_fault(uint16_t statusword);                   /* FAULT or its reaction */
+
 void sj_verdict_clear(sj_drive_verdict *verdict);
 void sj_verdict_pause(sj_drive_verdict *verdict);               /* the stream is interrupted */
 void sj_verdict_judge(sj_drive *drive, int64_t step);           /* one target followed, pu */
 
 /* ---- wiring: interpolator and kernel cycle (_kernel.c) --------------------------------------- */
 
-int32_t sj_max_axes(void);              /* SJ_AXES of the built extension */
+enum sj_load_status {
+    SJ_LOAD_OK = 0,
+    SJ_LOAD_PHASES = 1,                 /* a phase count or length out of range */
+    SJ_LOAD_MISSES = 2                  /* the phases do not lead to the goal */
+};
+
+/* A phase as it is integrated: its jerk is the difference of two acceleration levels over its
+ * length, so that an acceleration that is planned as zero is exactly zero. */
+typedef struct {
+    int64_t cycles;
+    sj_exact jerk;
+} sj_leg;
+
+/* The bilinear integrator, Eqs. (15)-(17), in cycle units, and the legs ahead of it. */
+typedef struct {
+    sj_exact q, v, a, j;                /* the sample of this cycle */
+    sj_exact spread;                    /* per cycle: what rounding the jerks to doubles costs */
+    double goal, goal_velocity;         /* the settled end, cycle N + 1 */
+    int64_t left;                       /* cycles left of the present leg */
+    int64_t ahead;                      /* cycles until settled; 0 = settled */
+    int32_t leg, count;
+    int32_t goal_free;                  /* 1: a change of velocity, the end position is open */
+    int32_t reserved;
+    sj_leg legs[SJ_PHASES];
+} sj_interpolator;
+
+/* Rows of a sampled motion; every column has room for `rows`. */
+typedef struct {
+    int64_t rows;
+    double *time, *position, *velocity, *acceleration, *jerk;
+} sj_table;
+
+void    sj_interpolator_start(sj_interpolator *ip, const sj_state *sample);
+int32_t sj_interpolator_load(sj_interpolator *ip, const sj_plan *plan, double goal,
+                             double goal_velocity, int32_t goal_free);
+int32_t sj_interpolator_step(sj_interpolator *ip);
+void    sj_interpolator_fill(sj_interpolator *ip, double cycle_time_s, int64_t first_row,
+                             const sj_table *out);
+int32_t sj_sample(const sj_plan *plan, const sj_state *start, const sj_state *end,
+                  double cycle_time_s, const sj_table *out);
+void    sj_lemma_plan(const sj_state *sample, double jerk, sj_state *plan);
+void    sj_lemma_sample(const sj_state *plan, double jerk, sj_state *sample);
+
+/* One cycle. Command and feedback are what the dual-port RAM carries; its layouts are hashed by
+ * the host (field names, types and offsets). Positions in axis units, time in cycles. */
+
+enum sj_result {                        /* what became of a goal or of a state */
+    SJ_RESULT_NONE = 0,
+    SJ_RESULT_ACCEPTED = 1,
+    SJ_RESULT_MOVING = 2,               /* refused: the axis is in motion */
+    SJ_RESULT_NOT_FOLLOWING = 3,        /* refused: the drive does not follow (bit 12 = 0) */
+    SJ_RESULT_PLAN = 4,                 /* refused: the plan does not start here or misses */
+    SJ_RESULT_RANGE = 5,                /* refused: not a number, or beyond the drive's counter */
+    SJ_RESULT_STOPPED = 6               /* refused: came with a stop, or the kernel is ending */
+};
+
+typedef struct {
+    int32_t moves;                      /* 1: this goal is for this axis */
+    int32_t reserved;
+    double start;                       /* commanded position the plan was made from */
+    double goal, goal_velocity;
+    sj_plan plan;
+} sj_axis_command;
+
+typedef struct {
+    uint64_t sequence;                  /* of this command; echoed */
+    uint64_t goal_id;                   /* a new number is a new goal */
+    uint64_t stop_count, reset_count;   /* a new number is one stop, one fault reset */
+    int32_t enable;
+    int32_t reserved;
+    sj_axis_command axis[64];
+} sj_command;
+
+typedef struct {
+    double position, velocity, acceleration, jerk;      /* commanded sample */
+    double actual_position, actual_velocity;            /* of the encoder; unit and unit/cycle */
+    double peak_velocity, peak_acceleration, peak_jerk; /* of the command since the goal came */
+    double goal;
+    uint64_t goal_id;                   /* goal in execution or done */
+    int64_t target_counts, actual_counts;               /* unwrapped, encoder increments */
+    int32_t following_error;            /* 60F4h */
+    uint16_t statusword, error_code;
+    int32_t moving, follows, enabled, fault;
+} sj_axis_feedback;
+
+enum { SJ_HISTOGRAM_BUCKETS = 400 };
+
+/* Durations in ns: 16 buckets per octave from 64 ns on; `late` counts deadlines that passed. */
+typedef struct {
+    uint64_t count, worst_ns;
+    uint32_t bucket[400];
+} sj_histogram;
+
+typedef struct {
+    uint64_t cycle;                     /* cycles since start */
+    uint64_t time_ns;                   /* CLOCK_MONOTONIC at its begin, 0 in a caller's own loop */
+    uint64_t sequence, stop_count, reset_count;         /* newest taken */
+    uint64_t result_goal_id;            /* goal that `result` is about */
+    uint64_t late;                      /* cycles of the clock that were skipped */
+    int32_t result, result_axis;        /* enum sj_result; axis that refused, or -1 */
+    int32_t axes, ending;
+    sj_histogram latency, period, computing;
+    sj_axis_feedback axis[64];
+} sj_feedback;
+
+typedef struct {
+    sj_interpolator interpolator;
+    sj_drive drive;
+    sj_drive_rx rx;
+    sj_drive_tx tx;
+    sj_limits limits;                   /* of stops; per cycle */
+    double counts_per_unit;
+    double cycle_time_s;
+    int64_t actual_counts;              /* 6064h unwrapped */
+    int32_t following;                  /* the command leads, the drive follows */
+    int32_t reserved;
+} sj_axis;
+
+typedef struct {
+    void *segment;
+    int32_t axes;
+    int32_t ending;                     /* 1: stop, disable, refuse goals */
+    int32_t enable;
+    int32_t reset;                      /* cycles left of a fault reset's edge */
+    int32_t host_state;
+    int32_t reserved;
+    uint64_t stop_count, reset_count, goal_id;
+    sj_command command;
+    sj_feedback feedback;
+    sj_axis axis[64];
+} sj_kernel;
+
+uint64_t sj_command_bytes(int32_t axes);
+uint64_t sj_feedback_bytes(int32_t axes);
+int32_t  sj_kernel_init(sj_kernel *kernel, void *segment, int32_t axes);
+int32_t  sj_kernel_axis(sj_kernel *kernel, int32_t axis, const sj_drive_config *drive,
+                        const sj_limits *limits, double counts_per_unit);
+void     sj_kernel_cycle(sj_kernel *kernel, uint64_t now_ns);
+void     sj_kernel_cycles(sj_kernel *kernel, int64_t cycles); /* in a caller's own loop */
+int32_t  sj_kernel_at_rest(const sj_kernel *kernel);    /* nothing moves, no drive is enabled */
+
+/* ---- wiring: the clock (_clock.c) ------------------------------------------------------------ */
+
+void     sj_clock_run(sj_kernel *kernel, uint64_t period_ns, int32_t *end);
+void     sj_clock_end(int32_t *end);
+uint64_t sj_clock_now_ns(void);
+void     sj_histogram_add(sj_histogram *histogram, uint64_t ns);

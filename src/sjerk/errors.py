@@ -1,7 +1,183 @@
-"""Exceptions of sjerk. Each carries the data that a program needs to react."""
+"""Exceptions of sjerk, each with the data that a program needs to react, and the checks of input.
+
+Never here: decisions about motion.
+"""
 
 from __future__ import annotations
+
+import math
+from numbers import Real
 
 
 class SjerkError(Exception):
     """Base of every error that sjerk raises on purpose."""
+
+
+class InputError(SjerkError, ValueError):
+    """A value that cannot be used: names the ``field``, the ``value`` and the ``limit``."""
+
+    def __init__(self, field: str, value: object, limit: str) -> None:
+        super().__init__(f"{field} = {value!r}: {limit}")
+        self.field = field
+        self.value = value
+        self.limit = limit
+
+
+class InfeasibleError(SjerkError, ValueError):
+    """No forward profile in whole cycles covers the distance.
+
+    ``distance`` is what was asked, ``works`` one that has a profile under the same limits.
+    """
+
+    def __init__(self, distance: float, works: float, why: str) -> None:
+        super().__init__(f"distance = {distance!r}: {why}; {works!r} works")
+        self.distance = distance
+        self.works = works
+
+
+class RefusedError(SjerkError):
+    """The kernel refused a goal: ``code`` (``enum sj_result``), ``reason``, ``axis`` or -1."""
+
+    def __init__(self, code: int, reason: str, axis: int) -> None:
+        super().__init__(f"refused by axis {axis}: {reason}" if axis >= 0 else f"refused: {reason}")
+        self.code = code
+        self.reason = reason
+        self.axis = axis
+
+
+class MotionStoppedError(SjerkError):
+    """A move ended elsewhere: stopped or replaced. ``positions`` by axis."""
+
+    def __init__(self, positions: dict[int, float]) -> None:
+        super().__init__(f"stopped or replaced before the goal, commanded positions {positions}")
+        self.positions = positions
+
+
+class KernelGoneError(SjerkError):
+    """The kernel's process has ended."""
+
+
+class HandshakeError(SjerkError):
+    """A segment cannot be used. ``name`` is the kernel name it was asked for by."""
+
+    def __init__(self, message: str, *, name: str = "") -> None:
+        super().__init__(message)
+        self.name = name
+
+
+class SegmentNameError(HandshakeError, ValueError):
+    """The name has no place in a file name, or is too long."""
+
+
+class SegmentMissingError(HandshakeError):
+    """No segment of this name: no kernel has been started under it, or it has been removed."""
+
+
+class SegmentTakenError(HandshakeError):
+    """A segment of this name exists and somebody living uses it."""
+
+
+class SegmentStaleError(HandshakeError):
+    """A segment of this name exists, but nobody living uses it: its owners died."""
+
+
+class SegmentOwnerError(HandshakeError):
+    """The segment belongs to another user (``uid``), or its permissions refuse this one."""
+
+    def __init__(self, message: str, *, name: str = "", uid: int | None = None) -> None:
+        super().__init__(message, name=name)
+        self.uid = uid
+
+
+class SegmentMemoryError(HandshakeError):
+    """There is no memory left for ``size`` bytes."""
+
+    def __init__(self, message: str, *, name: str = "", size: int = 0) -> None:
+        super().__init__(message, name=name)
+        self.size = size
+
+
+class SegmentFormatError(HandshakeError):
+    """The content is not what was expected; ``status`` is the ``enum sj_shm_status``."""
+
+    def __init__(self, message: str, *, name: str = "", status: int = 0) -> None:
+        super().__init__(message, name=name)
+        self.status = status
+
+
+class SegmentNotReadyError(SegmentFormatError):
+    """Still being created, or its creator died at it."""
+
+
+class SegmentTruncatedError(SegmentFormatError):
+    """Shorter than its header says."""
+
+
+class SegmentGarbageError(SegmentFormatError):
+    """Not a segment of sjerk, or overwritten."""
+
+
+class SegmentVersionError(SegmentFormatError):
+    """Made by a version of sjerk with another layout of the segment."""
+
+
+class SegmentLayoutError(SegmentFormatError):
+    """The payloads differ: another number of axes, or another version of their structs."""
+
+
+class SegmentCorruptError(SegmentFormatError):
+    """A word or a checksum is impossible: somebody wrote who must not."""
+
+
+class HostTakenError(HandshakeError):
+    """Another process is host of this kernel; ``pid`` is that process."""
+
+    def __init__(self, message: str, *, name: str = "", pid: int | None = None) -> None:
+        super().__init__(message, name=name)
+        self.pid = pid
+
+
+class KernelTakenError(HandshakeError):
+    """Another process is the kernel of this name."""
+
+
+class KernelRestartedError(HandshakeError):
+    """The kernel spoken to is gone; another one, ``epoch``, has taken its place."""
+
+    def __init__(self, message: str, *, name: str = "", epoch: int = 0) -> None:
+        super().__init__(message, name=name)
+        self.epoch = epoch
+
+
+class ForkedError(HandshakeError):
+    """The segment was inherited by ``fork``: two processes would write as one."""
+
+
+class SegmentClosedError(HandshakeError, ValueError):
+    """The segment has been closed."""
+
+
+#: Magnitudes up to this, and limits down to its inverse, leave room for squares and cubes.
+LARGEST = 1e60
+
+
+def real(field: str, value: object) -> float:
+    """Return ``value`` as a float; refuse what is not a finite real number of sane size."""
+    if isinstance(value, bool) or not isinstance(value, Real):
+        raise InputError(field, value, "must be a real number")
+    number = float(value)
+    if not math.isfinite(number):
+        raise InputError(field, value, "must be finite")
+    if abs(number) > LARGEST:
+        raise InputError(field, value, f"must lie within {LARGEST:g} in magnitude")
+    return number
+
+
+def positive(field: str, value: object) -> float:
+    """Return ``value`` as a float greater than zero."""
+    number = real(field, value)
+    if number <= 0.0:
+        raise InputError(field, value, "must be greater than 0")
+    if number < 1.0 / LARGEST:
+        raise InputError(field, value, f"must be at least {1.0 / LARGEST:g}")
+    return number

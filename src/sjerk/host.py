@@ -1,0 +1,446 @@
+"""The host's side of a kernel: commands in, feedback out, through the dual-port RAM.
+
+Never here: the cycle, the layout of the memory, bit masks of drives.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from functools import cache
+from typing import Any
+
+from sjerk._binding import ffi, lib
+from sjerk.cia402 import State as DriveState
+from sjerk.errors import (
+    InputError,
+    KernelGoneError,
+    MotionStoppedError,
+    RefusedError,
+    SjerkError,
+    real,
+)
+from sjerk.handshake import Layout, Segment, raise_for_status
+from sjerk.profile import Limits, Profile, scurve
+
+#: Why a goal was refused, by ``enum sj_result``.
+REASONS = {
+    lib.SJ_RESULT_MOVING: "the axis is moving",
+    lib.SJ_RESULT_NOT_FOLLOWING: "the drive does not follow (not enabled, or stopped by itself)",
+    lib.SJ_RESULT_PLAN: "the plan does not start at the commanded position or misses its goal",
+    lib.SJ_RESULT_RANGE: "the goal is beyond what the drive can count",
+    lib.SJ_RESULT_STOPPED: "a stop came with it, or the kernel is ending",
+}
+
+
+@cache
+def layout(axes: int) -> Layout:
+    """Layout of the segment of a kernel with so many axes."""
+    return Layout(
+        command_bytes=lib.sj_command_bytes(axes),
+        feedback_bytes=lib.sj_feedback_bytes(axes),
+        abi=_abi(),
+    )
+
+
+@cache
+def _abi() -> int:
+    """Hash of the payload structs: names, types and offsets of every field."""
+
+    def describe(ctype: Any) -> str:
+        if ctype.kind == "array":
+            return f"[{ctype.length}]{describe(ctype.item)}"
+        if ctype.kind != "struct":
+            return str(ctype.cname)
+        return "".join(f"{n}:{f.offset}:{describe(f.type)};" for n, f in ctype.fields)
+
+    text = describe(ffi.typeof("sj_command")) + describe(ffi.typeof("sj_feedback"))
+    return int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "little")
+
+
+# ---- feedback ------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class AxisFeedback:
+    """One axis in one cycle; positions in axis units, time in seconds.
+
+    ``position`` to ``jerk`` are the commanded sample, ``peak_*`` the largest magnitudes of it since
+    the last goal came, ``actual_*`` the encoder's. ``following_error`` is the drive's own (60F4h,
+    increments).
+    """
+
+    position: float
+    velocity: float
+    acceleration: float
+    jerk: float
+    actual_position: float
+    actual_velocity: float
+    peak_velocity: float
+    peak_acceleration: float
+    peak_jerk: float
+    goal: float
+    goal_id: int
+    target_counts: int
+    actual_counts: int
+    following_error: int
+    statusword: int
+    error_code: int
+    moving: bool
+    follows: bool
+    enabled: bool
+    fault: bool
+
+    @property
+    def drive_state(self) -> DriveState:
+        """The drive's state by its statusword."""
+        return DriveState.of(self.statusword)
+
+
+@dataclass(frozen=True)
+class Distribution:
+    """A duration over all cycles, seconds. Interpolated in buckets of 6 %; ``worst`` is exact."""
+
+    count: int
+    median: float
+    p99: float
+    p999: float
+    worst: float
+
+    @classmethod
+    def of(cls, histogram: Any) -> Distribution:
+        """Read a ``sj_histogram``."""
+        count, worst = int(histogram.count), histogram.worst_ns * 1e-9
+        cuts: list[float] = []
+        buckets = list(histogram.bucket)
+        for share in (0.5, 0.99, 0.999):
+            below, value = 0, worst
+            for i, n in enumerate(buckets):
+                if n and below + n >= share * count:
+                    octave, step = divmod(i, 16)
+                    inside = (share * count - below) / n  # evenly within the bucket
+                    value = 64e-9 * 2.0**octave * (1.0 + (step + inside) / 16.0)
+                    break
+                below += n
+            cuts.append(min(value, worst))
+        return cls(count, cuts[0], cuts[1], cuts[2], worst)
+
+
+@dataclass(frozen=True)
+class Timing:
+    """The cycle-time report: wake-up latency, period, computing time, and skipped cycles."""
+
+    latency: Distribution
+    period: Distribution
+    computing: Distribution
+    late: int
+
+
+class Feedback:
+    """One frame of the kernel's feedback: all axes in the same cycle."""
+
+    def __init__(self, frame: Any, cycle_time: float) -> None:
+        """Not for callers: ``Host.feedback`` makes it from a private copy of the frame."""
+        self._frame = frame
+        self._cycle_time = cycle_time
+        self.cycle = int(frame.cycle)
+        self.time_ns = int(frame.time_ns)
+        self.axes = tuple(_axis_feedback(frame.axis[i], cycle_time) for i in range(frame.axes))
+
+    def __repr__(self) -> str:
+        return f"Feedback(cycle={self.cycle}, axes={self.axes!r})"
+
+    @property
+    def moving(self) -> bool:
+        """Whether any axis moves."""
+        return any(axis.moving for axis in self.axes)
+
+    @property
+    def timing(self) -> Timing:
+        """The cycle-time report up to this cycle."""
+        frame = self._frame
+        return Timing(
+            Distribution.of(frame.latency),
+            Distribution.of(frame.period),
+            Distribution.of(frame.computing),
+            int(frame.late),
+        )
+
+
+def _axis_feedback(raw: Any, T: float) -> AxisFeedback:
+    return AxisFeedback(
+        position=raw.position,
+        velocity=raw.velocity / T,
+        acceleration=raw.acceleration / T**2,
+        jerk=raw.jerk / T**3,
+        actual_position=raw.actual_position,
+        actual_velocity=raw.actual_velocity / T,
+        peak_velocity=raw.peak_velocity / T,
+        peak_acceleration=raw.peak_acceleration / T**2,
+        peak_jerk=raw.peak_jerk / T**3,
+        goal=raw.goal,
+        goal_id=raw.goal_id,
+        target_counts=raw.target_counts,
+        actual_counts=raw.actual_counts,
+        following_error=raw.following_error,
+        statusword=raw.statusword,
+        error_code=raw.error_code,
+        moving=bool(raw.moving),
+        follows=bool(raw.follows),
+        enabled=bool(raw.enabled),
+        fault=bool(raw.fault),
+    )
+
+
+# ---- commands ------------------------------------------------------------------------------------
+
+
+class MoveState(Enum):
+    """What has become of a move."""
+
+    SENT = "sent"
+    MOVING = "moving"
+    DONE = "done"
+    STOPPED = "stopped"
+    REFUSED = "refused"
+
+
+class Move:
+    """Handle of one commanded move."""
+
+    def __init__(self, host: Host, goal_id: int, targets: dict[int, float]) -> None:
+        """Not for callers: ``Host.move`` makes it."""
+        self._host = host
+        self._goal_id = goal_id
+        self._targets = targets
+
+    @property
+    def targets(self) -> dict[int, float]:
+        """Goal by axis number."""
+        return dict(self._targets)
+
+    @property
+    def state(self) -> MoveState:
+        """What has become of it, by the newest feedback."""
+        return self._state(self._host._frame())
+
+    def _state(self, frame: Any) -> MoveState:
+        if frame.result_goal_id < self._goal_id:
+            return MoveState.SENT
+        if frame.result_goal_id == self._goal_id and frame.result != lib.SJ_RESULT_ACCEPTED:
+            return MoveState.REFUSED
+        axes = [frame.axis[i] for i in self._targets]
+        if any(axis.moving and axis.goal_id == self._goal_id for axis in axes):
+            return MoveState.MOVING
+        if all(
+            axis.goal_id == self._goal_id and axis.position == goal
+            for axis, goal in zip(axes, self._targets.values(), strict=True)
+        ):
+            return MoveState.DONE
+        return MoveState.STOPPED
+
+    @property
+    def done(self) -> bool:
+        """Whether the command has settled on the goal."""
+        return self.state is MoveState.DONE
+
+    def wait(self, timeout: float | None = None) -> None:
+        """Return when the command has settled on the goal.
+
+        Raises RefusedError (with the reason), MotionStoppedError (stopped or replaced on the way),
+        KernelGoneError, TimeoutError.
+        """
+        settled = (MoveState.DONE, MoveState.STOPPED, MoveState.REFUSED)
+        self._host._wait_until(
+            lambda frame: self._state(frame) in settled, timeout, f"move to {self._targets}"
+        )
+        frame = self._host._frame()
+        state = self._state(frame)
+        if state is MoveState.REFUSED:
+            raise RefusedError(frame.result, REASONS[frame.result], frame.result_axis)
+        if state is MoveState.STOPPED:
+            raise MotionStoppedError({i: float(frame.axis[i].position) for i in self._targets})
+
+
+class Host:
+    """The one host of a kernel: context manager, made by ``MotionKernel.host``.
+
+    Leaving it is in order and stops nothing; a host that dies stops the motion.
+    """
+
+    def __init__(
+        self,
+        segment: Segment,
+        limits: Sequence[Limits],
+        cycle_time: float,
+        *,
+        cyclic: bool,
+    ) -> None:
+        """Not for callers. ``cyclic``: a process runs the cycle, so that waiting makes sense."""
+        self._segment = segment
+        self._limits = tuple(limits)
+        self._T = cycle_time
+        self._cyclic = cyclic
+        self._command = ffi.new("sj_command *")
+        self._buffer = ffi.new("sj_feedback *")
+        self._sequence = ffi.new("uint64_t *")
+        if cyclic:
+            self._wait_until(lambda frame: True, 5.0, "the first cycle")
+            frame = self._frame()
+            # go on from what the kernel has taken, whoever was host before
+            self._command.sequence = frame.sequence
+            self._command.goal_id = frame.result_goal_id
+            self._command.stop_count = frame.stop_count
+            self._command.reset_count = frame.reset_count
+            self._command.enable = int(any(frame.axis[i].enabled for i in range(frame.axes)))
+
+    def __enter__(self) -> Host:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Leave the kernel to itself; a motion goes on to its end."""
+        if self._cyclic and not self._segment.closed:
+            lib.sj_shm_leave_host(self._segment.base)
+            self._segment.close()
+
+    # ---- reading
+
+    def _read(self) -> Any | None:
+        """The newest frame in the own buffer, or None before the first cycle."""
+        while True:
+            status = lib.sj_feedback_read(self._segment.base, self._buffer, self._sequence)
+            if status != lib.SJ_SHM_LAPPED:
+                break
+        return self._buffer if raise_for_status(status, self._segment.name) else None
+
+    def _frame(self) -> Any:
+        frame = self._read()
+        if frame is None:
+            raise SjerkError("no cycle has run yet: call MotionKernel.step() first")
+        return frame
+
+    def feedback(self) -> Feedback:
+        """Return the newest feedback: every axis in the same cycle."""
+        size = lib.sj_feedback_bytes(len(self._limits))
+        copy = ffi.new("sj_feedback *")
+        ffi.memmove(copy, self._frame(), size)
+        return Feedback(copy, self._T)
+
+    def _wait_until(self, met: Callable[[Any], bool], timeout: float | None, what: str) -> None:
+        if not self._cyclic:
+            raise SjerkError(f"cannot wait for {what}: no process runs this kernel, call step()")
+        end = None if timeout is None else time.monotonic() + timeout
+        look = 0
+        while True:
+            frame = self._read()
+            if frame is not None and met(frame):
+                return
+            look += 1
+            if look % 50 == 0 and not self._segment.kernel_lives():
+                raise KernelGoneError(f"the kernel ended while waiting for {what}")
+            if end is not None and time.monotonic() > end:
+                raise TimeoutError(f"{what}: not within {timeout} s")
+            time.sleep(200e-6)
+
+    # ---- commanding
+
+    def _publish(self) -> None:
+        self._command.sequence += 1
+        raise_for_status(
+            lib.sj_command_publish(self._segment.base, self._command), self._segment.name
+        )
+
+    def enable(self, timeout: float | None = 5.0) -> None:
+        """Enable all drives; returns when every one follows (at once in a caller's own loop)."""
+        self._command.enable = 1
+        self._publish()
+        if self._cyclic:
+            n = range(len(self._limits))
+            self._wait_until(
+                lambda frame: all(frame.axis[i].follows for i in n), timeout, "drives to follow"
+            )
+
+    def disable(self, timeout: float | None = 5.0) -> None:
+        """Disable all drives, each once it is at rest."""
+        self._command.enable = 0
+        self._publish()
+        if self._cyclic:
+            n = range(len(self._limits))
+            self._wait_until(
+                lambda frame: not any(frame.axis[i].enabled for i in n), timeout, "drives to rest"
+            )
+
+    def reset(self) -> None:
+        """Reset the faults of all drives, once."""
+        self._command.reset_count += 1
+        self._publish()
+
+    def stop(self, timeout: float | None = 30.0) -> None:
+        """Stop all axes along jerk-limited ramps; returns at rest (at once in an own loop)."""
+        self._command.stop_count += 1
+        count = int(self._command.stop_count)
+        self._publish()
+        if self._cyclic:
+            n = range(len(self._limits))
+            self._wait_until(
+                lambda frame: (
+                    frame.stop_count >= count and not any(frame.axis[i].moving for i in n)
+                ),
+                timeout,
+                "the stop",
+            )
+
+    def move(self, target: float | Sequence[float] | dict[int, float]) -> Move:
+        """Move to a position: of the one axis, of all axes, or by axis number.
+
+        From rest, under the limits of each axis. Returns at once; the handle tells the rest. Raises
+        InputError for what is no position; a refusal by the kernel is raised by ``Move.wait``.
+        """
+        targets = self._targets(target)
+        frame = self._frame()
+        profiles = {
+            i: scurve(goal - frame.axis[i].position, self._limits[i], self._T)
+            for i, goal in targets.items()
+        }
+        for i in range(len(self._limits)):
+            entry = self._command.axis[i]
+            entry.moves = i in targets
+            if i in targets:
+                entry.start, entry.goal = frame.axis[i].position, targets[i]
+                entry.goal_velocity = 0.0
+                _put(entry.plan, profiles[i])
+        self._command.goal_id += 1
+        self._publish()
+        return Move(self, int(self._command.goal_id), targets)
+
+    def _targets(self, target: float | Sequence[float] | dict[int, float]) -> dict[int, float]:
+        axes = len(self._limits)
+        if isinstance(target, dict):
+            wanted: dict[int, Any] = dict(target)
+        elif isinstance(target, Sequence) and not isinstance(target, str):
+            if len(target) != axes:
+                raise InputError("target", target, f"must have one position per axis ({axes})")
+            wanted = dict(enumerate(target))
+        elif axes == 1:
+            wanted = {0: target}
+        else:
+            raise InputError("target", target, f"must name positions for {axes} axes")
+        for i in wanted:
+            if not isinstance(i, int) or not 0 <= i < axes:
+                raise InputError("target", i, f"axis numbers are 0 .. {axes - 1}")
+        if not wanted:
+            raise InputError("target", target, "must name at least one axis")
+        return {i: real(f"target[{i}]", value) for i, value in wanted.items()}
+
+
+def _put(plan: Any, profile: Profile) -> None:
+    plan.cycles, plan.count = profile.cycles, len(profile.phases)
+    for i, phase in enumerate(profile.phases):
+        plan.phase[i].cycles = phase.cycles
+        plan.phase[i].jerk = phase.jerk * profile.cycle_time**3

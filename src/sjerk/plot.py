@@ -1,0 +1,53 @@
+"""Pictures, by matplotlib (extra ``demo``). Never here: equations, decisions."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+from numpy.typing import NDArray
+
+matplotlib.use("Agg")
+from matplotlib import pyplot as plt
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Curve:
+    """One line of a panel."""
+
+    label: str
+    x: FloatArray
+    y: FloatArray
+    style: str = "-"
+
+
+def panels(
+    out: Path,
+    title: str,
+    content: Mapping[str, Sequence[Curve]],
+    limits: Mapping[str, float],
+    *,
+    x_label: str = "time / s",
+) -> None:
+    """Draw panels one above the other, each a list of curves, with its limit as dashed lines."""
+    figure, axes = plt.subplots(
+        len(content), 1, sharex=True, figsize=(9.0, 2.3 * len(content)), layout="constrained"
+    )
+    for axis, (name, curves) in zip(np.atleast_1d(axes), content.items(), strict=True):
+        for curve in curves:
+            axis.plot(curve.x, curve.y, curve.style, label=curve.label, linewidth=1.2, markersize=4)
+        if name in limits:
+            for sign in (1.0, -1.0):
+                axis.axhline(sign * limits[name], color="0.5", linestyle="--", linewidth=0.8)
+        axis.set_ylabel(name)
+        axis.grid(alpha=0.3)
+        axis.legend(loc="best", fontsize="small")
+    np.atleast_1d(axes)[-1].set_xlabel(x_label)
+    figure.suptitle(title)
+    figure.savefig(out, dpi=110)
+    plt.close(figure)

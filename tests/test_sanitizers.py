@@ -1,0 +1,82 @@
+"""The C core under ASan and UBSan: the tests that drive it, again."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from sanitized import build
+
+TESTS = Path(__file__).parent
+#: Tests of the C rooms that need no process of their own.
+CHOSEN = [
+    *(str(TESTS / name) for name in ("test_profile.py", "test_kernel.py", "test_interpolator.py")),
+    *(str(path) for path in sorted(TESTS.glob("test_cia402*.py"))),
+    *(str(path) for path in sorted(TESTS.glob("test_servo*.py"))),
+    "-k",
+    "not process and not killed and not leaving and not second_host and not million "
+    "and not 10000000",
+]
+
+
+def library(name: str) -> str | None:
+    found = subprocess.run(
+        [os.environ.get("CC", "cc"), f"-print-file-name={name}"],
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout.strip()
+    return found if os.path.isabs(found) else None
+
+
+def test_c_core_is_clean_under_asan_and_ubsan(tmp_path: Path) -> None:
+    """No overrun, no undefined behaviour in anything that the chosen tests do."""
+    asan = library("libasan.so")
+    if asan is None:
+        pytest.skip("the compiler has no libasan")
+    build(tmp_path)
+    run = subprocess.run(
+        [sys.executable, str(TESTS / "sanitized.py"), str(tmp_path), *CHOSEN],
+        env={
+            **os.environ,
+            "LD_PRELOAD": asan,
+            "ASAN_OPTIONS": "detect_leaks=0",
+            "UBSAN_OPTIONS": "print_stacktrace=1",
+            "SJERK_HYPOTHESIS": "small",
+        },
+        capture_output=True,
+        text=True,
+        cwd=TESTS.parent,
+        timeout=900,
+    )
+    assert run.returncode == 0, run.stdout[-8000:] + run.stderr[-8000:]
+    assert " passed" in run.stdout
+
+
+def test_the_sanitizers_are_seen_to_bite(tmp_path: Path) -> None:
+    """An overrun in the same build does end the program: the check above can fail."""
+    asan = library("libasan.so")
+    if asan is None:
+        pytest.skip("the compiler has no libasan")
+    build(tmp_path)
+    program = (
+        "import sys; sys.meta_path[:] = [f for f in sys.meta_path "
+        "if 'editable' not in type(f).__module__]; "
+        f"sys.path.insert(0, {str(tmp_path)!r}); from sjerk._binding import ffi, lib; "
+        "plan = ffi.new('sj_plan *'); plan.cycles = 3; t = ffi.new('sj_table *'); "
+        "c = ffi.new('double[2]'); t.rows = 4000; "
+        "t.time = t.position = t.velocity = t.acceleration = t.jerk = c; "
+        "ip = ffi.new('sj_interpolator *'); lib.sj_interpolator_fill(ip, 1.0, 0, t)"
+    )
+    run = subprocess.run(
+        [sys.executable, "-c", program],
+        env={**os.environ, "LD_PRELOAD": asan, "ASAN_OPTIONS": "detect_leaks=0"},
+        capture_output=True,
+        text=True,
+    )
+    assert run.returncode != 0
+    assert "heap-buffer-overflow" in run.stderr
