@@ -1032,3 +1032,10 @@ void sj_drive_cycle(sj_drive *drive, const sj_drive_rx *rx, sj_drive_tx *tx)
     supervise_following(drive, &command);
     tell(drive, rx, tx);
 }
+
+void sj_drive_cycle_many(sj_drive *drives, const sj_drive_rx *rx, sj_drive_tx *tx, int32_t count)
+{
+    for (int32_t i = 0; i < count; i++) {
+        sj_drive_cycle(&drives[i], &rx[i], &tx[i]);
+    }
+}
