@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from sjerk.demo import LIMITS, dips
 from sjerk.trajectory import Recording, RecordingError, read_recording, shipped_recording
 
 CSV = shipped_recording().with_name("panda_joint1.csv")
@@ -104,11 +105,14 @@ def test_the_demo_arrives_and_draws(tmp_path: Path) -> None:
     out, err = run.communicate(timeout=120)
     assert run.returncode == 0, err
     assert picture.read_bytes().startswith(b"\x89PNG")
-    lines = {line.split("  ")[0]: line for line in out.splitlines()}
-    assert abs(int(lines["final error"].split()[2])) <= 10
-    assert "160.0 deg, goal 160.0 deg" in out
-    velocity = next(line for line in out.splitlines() if line.startswith("largest velocity"))
-    assert float(velocity.split()[2]) <= 90.0
+    rows = {line[:46].split(",")[0].strip(): line[46:].split() for line in out.splitlines()}
+    errors = rows["final error 1 s later"]
+    assert [abs(int(n)) <= 10 for n in errors if n != "increments"] == [True, True]
+    for name, limit in (("velocity", 90.0), ("acceleration", LIMITS.acceleration)):
+        peaks = [float(x) for x in rows[f"largest {name}"] if not x.startswith("(")]
+        assert len(peaks) == 2
+        assert max(peaks) <= limit * (1 + 1e-9)
+    assert rows["dips of the velocity > 10 %"][0] == "0"
     assert "computing time" in out
     assert "100 %" in err
 
@@ -137,6 +141,12 @@ def test_errors_of_the_command_line_are_one_line(tmp_path: Path) -> None:
     assert run.returncode == 1
     assert err.count("\n") == 1
     assert "no such file" in err
+
+
+def test_dips_are_counted() -> None:
+    """A fall of more than a tenth that rises again is one dip; a stop at the end is none."""
+    assert dips(np.array([0.0, 5.0, 10.0, 9.5, 10.0, 0.0])) == 0
+    assert dips(np.array([0.0, -10.0, -8.0, -10.0, -2.0, -9.0, 0.0])) == 2
 
 
 def test_a_recording_is_plain_data() -> None:

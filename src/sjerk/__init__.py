@@ -6,11 +6,13 @@ from sjerk.errors import (
     InputError,
     KernelGoneError,
     MotionStoppedError,
+    PlanError,
     RefusedError,
     SjerkError,
 )
 from sjerk.host import Feedback, Host, Move, MoveState
 from sjerk.kernel import Axis, MotionKernel
+from sjerk.planning import Motion, Plans, plan, plan_many, plan_velocity
 from sjerk.profile import Extrema, Limits, Phase, Profile, Range, Samples, State, scurve
 
 __all__ = [
@@ -24,16 +26,22 @@ __all__ = [
     "InputError",
     "KernelGoneError",
     "Limits",
+    "Motion",
     "MotionKernel",
     "MotionStoppedError",
     "Move",
     "MoveState",
     "Phase",
+    "PlanError",
+    "Plans",
     "Profile",
     "Range",
     "RefusedError",
     "Samples",
     "SjerkError",
     "State",
+    "plan",
+    "plan_many",
+    "plan_velocity",
     "scurve",
 ]

@@ -10,6 +10,7 @@
 #include <stdint.h>
 #include "_kernel.h"
 #include "_exact.h" /* double-double sums */
+#include "_lemma.h" /* from samples to the continuous motion and back */
 
 /* ---- Eqs. (15)-(17) -------------------------------------------------------------------------- */
 
@@ -41,20 +42,6 @@ void sj_interpolator_start(sj_interpolator *ip, const sj_state *sample)
 }
 
 /* ---- the half-cycle lemma -------------------------------------------------------------------- */
-
-/* A = a + j/2,  V = v + a/2,  P = q + v/2 - A/12  (T_s = 1). */
-typedef struct {
-    sj_exact P, V, A;
-} continuous;
-
-static continuous lemma(sj_exact q, sj_exact v, sj_exact a, sj_exact j)
-{
-    continuous plan;
-    plan.A = exact_add(a, exact_half(j));
-    plan.V = exact_add(v, exact_half(a));
-    plan.P = exact_subtract(exact_add(q, exact_half(v)), exact_divide(plan.A, 12.0));
-    return plan;
-}
 
 void sj_lemma_plan(const sj_state *sample, double jerk, sj_state *plan)
 {
@@ -134,7 +121,7 @@ int32_t sj_interpolator_load(sj_interpolator *ip, const sj_plan *plan, double go
         return SJ_LOAD_MISSES;
     if (!goal_free) {
         /* Lemma, point 2: the sample settles half a cycle of goal_velocity after the plan's end. */
-        sj_exact missing = exact_subtract(exact_two_sum(goal, -0.5 * goal_velocity), at.P);
+        sj_exact missing = exact_subtract(lemma_end(goal, goal_velocity), at.P);
         if (!(fabs(missing.hi) <= landing_tolerance * path))
             return SJ_LOAD_MISSES;
         next.spread = exact_divide(missing, (double)(cycles + 1));
@@ -301,7 +288,7 @@ int32_t sj_sample(const sj_plan *plan, const sj_state *start, const sj_state *en
     return SJ_LOAD_OK;
 }
 
-/* ---- one cycle: collect, interpolate, drive, publish ----------------------------------------- */
+/* ---- one cycle: collect, plan, interpolate, drive, publish ----------------------------------------- */
 
 uint64_t sj_command_bytes(int32_t axes)
 {
@@ -350,10 +337,11 @@ static void observe(sj_axis *ax)
     uint32_t change = (uint32_t)ax->tx.position_actual - (uint32_t)ax->actual_counts;
     ax->actual_counts += (int32_t)change;
     ax->following = sj_master_follows(ax->tx.statusword);
-    if (!ax->following)
-        sj_interpolator_start(
-            &ax->interpolator,
-            &(sj_state){(double)ax->actual_counts / ax->counts_per_unit, 0.0, 0.0});
+    if (!ax->following) {
+        sj_state actual = {(double)ax->actual_counts / ax->counts_per_unit, 0.0, 0.0};
+        sj_interpolator_start(&ax->interpolator, &actual);
+        ax->goal.moves = 0;
+    }
 }
 
 static int32_t moving(const sj_axis *ax)
@@ -361,66 +349,105 @@ static int32_t moving(const sj_axis *ax)
     return ax->interpolator.ahead > 0 || ax->interpolator.v.hi != 0.0;
 }
 
-/* A jerk-limited way to rest from the commanded state; where it ends is open. */
-static void stop_axis(sj_axis *ax)
+/* ---- plan, from the commanded state ---- */
+
+static continuous commanded(const sj_axis *ax)
 {
     const sj_interpolator *ip = &ax->interpolator;
-    sj_state sample = {0.0, ip->v.hi, ip->a.hi}, from;
+    return lemma(ip->q, ip->v, ip->a, ip->j);
+}
+
+/* A jerk-limited way to rest; where it ends is open. */
+static void stop_axis(sj_axis *ax)
+{
+    continuous at = commanded(ax);
     sj_plan plan;
     if (!moving(ax))
         return;
-    sj_lemma_plan(&sample, ip->j.hi, &from);
-    sj_plan_stop(&from, &ax->limits, &plan);
-    sj_interpolator_load(&ax->interpolator, &plan, ip->q.hi, 0.0, 1);
+    if (sj_plan_velocity(at.V.hi, at.A.hi, 0.0, &ax->limits, &plan) == SJ_PLAN_OK)
+        sj_interpolator_load(&ax->interpolator, &plan, 0.0, 0.0, 1);
+    ax->goal.moves = 0; /* given up: the same goal again is a new motion */
 }
 
 static int32_t judge(const sj_axis *ax, const sj_axis_command *goal)
 {
     if (!ax->following)
         return SJ_RESULT_NOT_FOLLOWING;
-    if (moving(ax))
-        return SJ_RESULT_MOVING;
     /* beyond 2^52 increments a double no longer tells two of them apart */
     if (!(fabs(goal->goal * ax->counts_per_unit) < 4503599627370496.0))
         return SJ_RESULT_RANGE;
-    if (goal->start != ax->interpolator.q.hi)
-        return SJ_RESULT_PLAN;
     return SJ_RESULT_ACCEPTED;
 }
 
-/* All axes take the goal, or none does. */
+static int32_t same_goal(const sj_axis_command *x, const sj_axis_command *y)
+{
+    return x->moves && x->goal == y->goal && x->goal_velocity == y->goal_velocity &&
+           x->limits.velocity == y->limits.velocity &&
+           x->limits.acceleration == y->limits.acceleration && x->limits.jerk == y->limits.jerk &&
+           x->limits.deceleration == y->limits.deceleration &&
+           x->limits.deceleration_jerk == y->limits.deceleration_jerk;
+}
+
+/* Plan all axes of the goal and take the plans over, or leave everything as it is. */
+static int32_t plan_goal(sj_kernel *kernel, const int32_t *axes, int32_t n)
+{
+    const sj_command *command = &kernel->command;
+    int32_t synchronization = command->synchronization;
+    sj_request request[SJ_AXES];
+    sj_limits limits[SJ_AXES];
+
+    if (n < 1)
+        return SJ_RESULT_ACCEPTED;
+    for (int32_t i = 0; i < n; i++) {
+        const sj_axis_command *goal = &command->axis[axes[i]];
+        continuous at = commanded(&kernel->axis[axes[i]]);
+        request[i] = (sj_request){lemma_distance(&at, goal->goal, goal->goal_velocity), at.V.hi,
+                                  at.A.hi, goal->goal_velocity};
+        limits[i] = goal->limits;
+    }
+    if (sj_plan_axes(n, request, limits, command->least_cycles, &synchronization, kernel->plan) !=
+        SJ_PLAN_OK)
+        return SJ_RESULT_PLAN;
+    for (int32_t i = 0; i < n; i++) {
+        const sj_axis_command *goal = &command->axis[axes[i]];
+        kernel->trial[i] = kernel->axis[axes[i]].interpolator;
+        if (sj_interpolator_load(&kernel->trial[i], &kernel->plan[i], goal->goal,
+                                 goal->goal_velocity, 0) != SJ_LOAD_OK)
+            return SJ_RESULT_PLAN;
+    }
+    for (int32_t i = 0; i < n; i++) {
+        kernel->axis[axes[i]].interpolator = kernel->trial[i];
+        kernel->axis[axes[i]].goal = command->axis[axes[i]];
+    }
+    return SJ_RESULT_ACCEPTED;
+}
+
+/* All axes take the goal, or none does. The same goal under the same limits changes nothing. */
 static void take_goal(sj_kernel *kernel, int32_t stopped)
 {
     const sj_command *command = &kernel->command;
     sj_feedback *feedback = &kernel->feedback;
     int32_t result = stopped ? SJ_RESULT_STOPPED : SJ_RESULT_ACCEPTED, refused = -1;
+    int32_t axes[SJ_AXES], n = 0, changed = 0;
 
     kernel->goal_id = command->goal_id;
     for (int32_t i = 0; i < kernel->axes && result == SJ_RESULT_ACCEPTED; i++) {
-        sj_axis *ax = &kernel->axis[i];
-        const sj_axis_command *goal = &command->axis[i];
-        if (!goal->moves)
+        if (!command->axis[i].moves)
             continue;
-        result = judge(ax, goal);
-        if (result == SJ_RESULT_ACCEPTED) {
-            sj_interpolator trial = ax->interpolator;
-            if (sj_interpolator_load(&trial, &goal->plan, goal->goal, goal->goal_velocity, 0) !=
-                SJ_LOAD_OK)
-                result = SJ_RESULT_PLAN;
-        }
+        result = judge(&kernel->axis[i], &command->axis[i]);
         if (result != SJ_RESULT_ACCEPTED)
             refused = i;
+        changed |= !same_goal(&kernel->axis[i].goal, &command->axis[i]);
+        axes[n++] = i;
     }
-    for (int32_t i = 0; i < kernel->axes && result == SJ_RESULT_ACCEPTED; i++) {
-        const sj_axis_command *goal = &command->axis[i];
-        sj_axis_feedback *out = &feedback->axis[i];
-        if (!goal->moves)
-            continue;
-        sj_interpolator_load(&kernel->axis[i].interpolator, &goal->plan, goal->goal,
-                             goal->goal_velocity, 0);
-        out->goal = goal->goal;
+    if (result == SJ_RESULT_ACCEPTED && changed)
+        result = plan_goal(kernel, axes, n);
+    for (int32_t i = 0; i < n && result == SJ_RESULT_ACCEPTED; i++) {
+        sj_axis_feedback *out = &feedback->axis[axes[i]];
+        out->goal = command->axis[axes[i]].goal;
         out->goal_id = command->goal_id;
-        out->peak_velocity = out->peak_acceleration = out->peak_jerk = 0.0;
+        if (changed)
+            out->peak_velocity = out->peak_acceleration = out->peak_jerk = 0.0;
     }
     feedback->result_goal_id = command->goal_id;
     feedback->result = result;
@@ -501,6 +528,7 @@ static void report(const sj_axis *ax, sj_axis_feedback *out)
     out->statusword = ax->tx.statusword;
     out->error_code = ax->tx.error_code;
     out->moving = ax->following && moving(ax);
+    out->settled = ax->goal.moves && ip->ahead == 0;
     out->follows = ax->following;
     out->enabled = sj_master_enabled(ax->tx.statusword);
     out->fault = sj_master_fault(ax->tx.statusword);

@@ -12,7 +12,7 @@
 
 enum {
     SJ_AXES = 64,                       /* most axes of one kernel */
-    SJ_PHASES = 24                      /* most phases of one plan */
+    SJ_PHASES = 40                      /* most phases of one plan */
 };
 #define SJ_CYCLES_MAX 1125899906842624 /* most cycles of one plan, 2^50 */
 
@@ -34,7 +34,7 @@ typedef struct {
 typedef struct {
     int64_t cycles;                     /* sum of the phases' cycles, N */
     int32_t count;                      /* phases used */
-    int32_t reserved;
+    int32_t kind;                       /* enum sj_plan_kind */
     sj_phase phase[SJ_PHASES];
 } sj_plan;
 
@@ -45,7 +45,55 @@ typedef struct {
     double velocity, acceleration, jerk, deceleration, deceleration_jerk;
 } sj_limits;
 
-void sj_plan_stop(const sj_state *from, const sj_limits *limits, sj_plan *plan);
+enum sj_plan_status {
+    SJ_PLAN_OK = 0,
+    SJ_PLAN_INVALID = 1,                /* a number that is none, a limit <= 0, |v1| > velocity */
+    SJ_PLAN_TOO_LONG = 2,               /* more than SJ_CYCLES_MAX cycles */
+    SJ_PLAN_BLOCKED = 3                 /* none of exactly this length; the plan is the next longer */
+};
+
+enum sj_plan_kind {                     /* how it was found */
+    SJ_PLAN_WAIT = 0,                   /* nothing to do, or waiting only */
+    SJ_PLAN_CRUISE = 1,                 /* ramp, cruise, ramp: seven phases */
+    SJ_PLAN_EASE = 2,                   /* braking eased for a while; no zero of the acceleration */
+    SJ_PLAN_MIX = 3,                    /* convex mix of a plan too short and one too far */
+    SJ_PLAN_STOP = 4,                   /* stop first, then from rest: the last resort */
+    SJ_PLAN_RAMP = 5,                   /* change of velocity only */
+    SJ_PLAN_RETURN = 8                  /* added: the start was outside its limits */
+};
+
+/* From the continuous state (0, v0, a0) to (h, v1, 0), as soon as possible. */
+int32_t sj_plan_move(double h, double v0, double a0, double v1, const sj_limits *limits,
+                     sj_plan *plan);
+/* From (v0, a0) to (v1, 0), as soon as possible, wherever that is. */
+int32_t sj_plan_velocity(double v0, double a0, double v1, const sj_limits *limits, sj_plan *plan);
+/* As sj_plan_move, in exactly this many cycles. */
+int32_t sj_plan_duration(double h, double v0, double a0, double v1, const sj_limits *limits,
+                         int64_t cycles, sj_plan *plan);
+
+/* Requests between samples, for several axes and for many (_planning.c). */
+typedef struct {
+    double distance, v0, a0, v1;        /* continuous, per cycle */
+} sj_request;
+
+enum sj_synchronization {
+    SJ_SYNC_NONE = 0,                   /* each axis as soon as it can */
+    SJ_SYNC_TIME = 1,                   /* all axes arrive in the same cycle */
+    SJ_SYNC_PHASE = 2                   /* the same phases: rest to rest on a straight line */
+};
+
+int32_t sj_plan_axes(int32_t n, const sj_request *request, const sj_limits *limits,
+                     int64_t least_cycles, int32_t *synchronization, sj_plan *plans);
+int32_t sj_plan_samples(int32_t n, double cycle_time_s, const sj_state *from, const sj_state *to,
+                        const sj_limits *limits, int64_t least_cycles, int32_t *synchronization,
+                        sj_plan *plans);
+int32_t sj_plan_sample(double cycle_time_s, double q0, double v0, double a0, double q1, double v1,
+                       const sj_limits *limits, sj_plan *plan);
+int32_t sj_plan_sample_velocity(double cycle_time_s, const sj_state *from, double v1,
+                                const sj_limits *limits, sj_plan *plan, double *end);
+int32_t sj_plan_rows(int64_t n, double cycle_time_s, const double *from, int64_t from_columns,
+                     const double *to, int64_t to_columns, const sj_limits *limits,
+                     int64_t limits_step, sj_plan *plans, int64_t *failed);
 
 /* ---- peers: handshake (_handshake.c) --------------------------------------------------------- */
 
@@ -571,19 +619,17 @@ void    sj_lemma_sample(const sj_state *plan, double jerk, sj_state *sample);
 enum sj_result {                        /* what became of a goal or of a state */
     SJ_RESULT_NONE = 0,
     SJ_RESULT_ACCEPTED = 1,
-    SJ_RESULT_MOVING = 2,               /* refused: the axis is in motion */
-    SJ_RESULT_NOT_FOLLOWING = 3,        /* refused: the drive does not follow (bit 12 = 0) */
-    SJ_RESULT_PLAN = 4,                 /* refused: the plan does not start here or misses */
-    SJ_RESULT_RANGE = 5,                /* refused: not a number, or beyond the drive's counter */
-    SJ_RESULT_STOPPED = 6               /* refused: came with a stop, or the kernel is ending */
+    SJ_RESULT_NOT_FOLLOWING = 2,        /* refused: the drive does not follow (bit 12 = 0) */
+    SJ_RESULT_PLAN = 3,                 /* refused: a number or limit that cannot be planned */
+    SJ_RESULT_RANGE = 4,                /* refused: not a number, or beyond the drive's counter */
+    SJ_RESULT_STOPPED = 5               /* refused: came with a stop, or the kernel is ending */
 };
 
 typedef struct {
+    double goal, goal_velocity;
+    sj_limits limits;
     int32_t moves;                      /* 1: this goal is for this axis */
     int32_t reserved;
-    double start;                       /* commanded position the plan was made from */
-    double goal, goal_velocity;
-    sj_plan plan;
 } sj_axis_command;
 
 typedef struct {
@@ -591,7 +637,8 @@ typedef struct {
     uint64_t goal_id;                   /* a new number is a new goal */
     uint64_t stop_count, reset_count;   /* a new number is one stop, one fault reset */
     int32_t enable;
-    int32_t reserved;
+    int32_t synchronization;            /* of this goal: enum sj_synchronization */
+    int64_t least_cycles;               /* of this goal */
     sj_axis_command axis[64];
 } sj_command;
 
@@ -604,7 +651,8 @@ typedef struct {
     int64_t target_counts, actual_counts;               /* unwrapped, encoder increments */
     int32_t following_error;            /* 60F4h */
     uint16_t statusword, error_code;
-    int32_t moving, follows, enabled, fault;
+    int32_t moving, settled;            /* settled: on the goal, or past it at its velocity */
+    int32_t follows, enabled, fault, reserved;
 } sj_axis_feedback;
 
 enum { SJ_HISTOGRAM_BUCKETS = 400 };
@@ -633,6 +681,7 @@ typedef struct {
     sj_drive_rx rx;
     sj_drive_tx tx;
     sj_limits limits;                   /* of stops; per cycle */
+    sj_axis_command goal;               /* in execution, or reached */
     double counts_per_unit;
     double cycle_time_s;
     int64_t actual_counts;              /* 6064h unwrapped */
@@ -651,6 +700,8 @@ typedef struct {
     uint64_t stop_count, reset_count, goal_id;
     sj_command command;
     sj_feedback feedback;
+    sj_plan plan[64];                   /* room for planning a goal */
+    sj_interpolator trial[64];
     sj_axis axis[64];
 } sj_kernel;
 

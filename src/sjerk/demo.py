@@ -1,20 +1,22 @@
 """The main job: the paper's experiment (its Figures 6 and 7) on a recorded path.
 
-A kernel with one Sigma-7 drive of 24 bits; the host moves it to the end of the path and records
-what was commanded and what the encoder said.
+A kernel with one Sigma-7 drive of 24 bits. First the host moves it to the end of the path in one
+move, then it streams every recorded point at its time, each interrupting the motion before, as the
+paper's control node does. Recorded is what was commanded and what the encoder said.
 """
 
 from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
 from sjerk.host import AxisFeedback, Distribution, Host, Timing
 from sjerk.kernel import Axis, MotionKernel
-from sjerk.profile import Limits
+from sjerk.profile import FloatArray, Limits
 from sjerk.trajectory import Recording, read_recording
 
 COUNTS_PER_DEGREE = 2**24 / 360.0
@@ -23,67 +25,117 @@ LIMITS = Limits.from_jerk_factor(
     velocity=90.0, acceleration=float(np.degrees(3.75)), jerk_factor=0.5
 )
 AFTER_S = 1.0
+#: A dip: the speed falls by more than this share and rises again.
+DIP = 0.1
 
 
 class Record:
     """Every cycle of one axis that the host saw; what it missed is counted."""
 
-    def __init__(self) -> None:
+    def __init__(self, label: str) -> None:
+        self.label = label
         self.cycles: list[int] = []
         self.rows: list[AxisFeedback] = []
+        self.peak_velocity = self.peak_acceleration = self.peak_jerk = 0.0
 
-    def follow(self, host: Host, goal: float, still_s: float) -> None:
-        """Record until the motion has been at rest for so many seconds; shows progress."""
-        start = host.feedback().axes[0].position
+    def follow(self, host: Host, goals: Iterator[float], end: float) -> None:
+        """Record until the motion has rested at ``end`` for a while; shows progress.
+
+        ``goals`` is asked in every turn: it commands what is due and gives the newest goal.
+        """
+        before = host.feedback().axes[0]
+        start = before.position
         still_since: float | None = None
         shown = -1
-        while still_since is None or time.monotonic() - still_since < still_s:
+        while still_since is None or time.monotonic() - still_since < AFTER_S:
+            goal = next(goals)
             feedback = host.feedback()
             if self.cycles and feedback.cycle == self.cycles[-1]:
                 time.sleep(100e-6)
                 continue
             axis = feedback.axes[0]
-            self.cycles.append(feedback.cycle)
-            self.rows.append(axis)
-            if axis.moving or axis.goal != goal:
+            self._add(feedback.cycle, axis, axis.goal_id > before.goal_id)
+            if goal != end or axis.goal != end or not axis.settled:
                 still_since = None
             elif still_since is None:
                 still_since = time.monotonic()
-            share = int(10.0 * abs(axis.position - start) / (abs(goal - start) or 1.0)) * 10
+            share = int(10.0 * abs(axis.position - start) / (abs(end - start) or 1.0)) * 10
             if share != shown:
                 shown = share
-                print(f"\rmoving: {share:3d} % {axis.position:9.3f} deg", end="", file=sys.stderr)
+                line = f"\r{self.label}: {share:3d} % {axis.position:9.3f} deg"
+                print(line, end="", file=sys.stderr)
         print(file=sys.stderr)
+
+    def _add(self, cycle: int, axis: AxisFeedback, ours: bool) -> None:
+        self.cycles.append(cycle)
+        self.rows.append(axis)
+        if not ours:
+            return
+        # the kernel keeps the peaks of every cycle of a goal, also of those not seen here
+        self.peak_velocity = max(self.peak_velocity, axis.peak_velocity)
+        self.peak_acceleration = max(self.peak_acceleration, axis.peak_acceleration)
+        self.peak_jerk = max(self.peak_jerk, axis.peak_jerk)
 
     @property
     def missed(self) -> int:
         """Cycles between the first and the last that the host did not see."""
         return self.cycles[-1] - self.cycles[0] + 1 - len(self.cycles)
 
-    def column(self, name: str) -> np.ndarray:
+    def column(self, name: str) -> FloatArray:
         """One field over all recorded cycles."""
-        return np.array([getattr(row, name) for row in self.rows])
+        return np.array([getattr(row, name) for row in self.rows], dtype=np.float64)
+
+
+def dips(velocity: FloatArray) -> int:
+    """How often the speed falls by more than a tenth of its last peak and rises again."""
+    count, peak, trough, falling = 0, 0.0, 0.0, False
+    for speed in np.abs(velocity):
+        if falling:
+            trough = min(trough, speed)
+            if speed > trough + DIP * peak:
+                count, peak, falling = count + 1, speed, False
+        else:
+            peak = max(peak, speed)
+            if speed < (1.0 - DIP) * peak:
+                trough, falling = speed, True
+    return count
+
+
+def single_move(host: Host, goal: float) -> Iterator[float]:
+    """Command the end of the path once."""
+    host.move(goal)
+    while True:
+        yield goal
+
+
+def streamed(host: Host, recording: Recording) -> Iterator[float]:
+    """Command each recorded point at its time."""
+    start = time.monotonic()
+    for due, goal in zip(recording.time[1:], recording.position[1:], strict=True):
+        host.move(float(goal))
+        while time.monotonic() - start < due:
+            yield float(goal)
+    while True:
+        yield float(recording.position[-1])
 
 
 def run(path: Path, out: Path, cycle_time: float, joint: str | None) -> int:
     """Do the experiment; prints the table, writes the picture. Returns the exit code."""
     recording = read_recording(path, joint=joint)
-    goal = float(recording.position[-1])
+    start, end = float(recording.position[0]), float(recording.position[-1])
     axis = Axis(LIMITS, counts_per_unit=COUNTS_PER_DEGREE)
     print(
         f"{path.name}: joint {recording.joint}, {len(recording.time)} points over "
-        f"{recording.time[-1]:.2f} s, ends at {goal:.3f} deg"
+        f"{recording.time[-1]:.2f} s, ends at {end:.3f} deg"
     )
-    record = Record()
+    single, stream = Record("one move"), Record("streamed")
     with MotionKernel(axes=[axis], cycle_time=cycle_time) as kernel, kernel.host() as host:
         try:
             host.enable()
-            start = float(recording.position[0])
-            if start != 0.0:
-                host.move(start).wait()
-            move = host.move(goal)
-            record.follow(host, goal, AFTER_S)
-            move.wait(timeout=1.0)
+            host.move(start).wait()
+            single.follow(host, single_move(host, end), end)
+            host.move(start).wait()
+            stream.follow(host, streamed(host, recording), end)
             timing = host.feedback().timing
             host.disable()
         except KeyboardInterrupt:
@@ -92,71 +144,82 @@ def run(path: Path, out: Path, cycle_time: float, joint: str | None) -> int:
             at = host.feedback().axes[0]
             print(f"stopped at {at.position:.6f} deg, velocity {at.velocity:g} deg/s")
             return 130
-    print(table(record, timing, goal, cycle_time))
-    return draw(out, recording, record, cycle_time)
+    print(table((single, stream), timing, end, cycle_time))
+    return draw(out, recording, (single, stream), cycle_time)
 
 
-def table(record: Record, timing: Timing, goal: float, cycle_time: float) -> str:
+def table(records: tuple[Record, ...], timing: Timing, goal: float, cycle_time: float) -> str:
     """The figures of the run."""
-    last = record.rows[-1]
-    moving = int(np.count_nonzero(record.column("moving")))
-    error = last.actual_counts - round(goal * COUNTS_PER_DEGREE)
-    lines = [
-        f"cycles of {cycle_time * 1e6:g} us   {moving} in motion, {len(record.rows)} recorded, "
-        f"{record.missed} not seen by the host",
-        f"final error          {error} increments of 2^24 per revolution, {AFTER_S:g} s after the "
-        "last set-point",
-        f"commanded position   {last.position!r} deg, goal {goal!r} deg",
+    rows: list[tuple[str, list[str]]] = [
+        ("", [record.label for record in records]),
+        (
+            f"cycles of {cycle_time * 1e6:g} us",
+            [str(round(float(np.sum(r.column("moving"))))) + " in motion" for r in records],
+        ),
+        ("not seen by the host", [f"{r.missed} cycles" for r in records]),
+        (
+            f"final error {AFTER_S:g} s later",
+            [f"{_error(r, goal)} increments" for r in records],
+        ),
     ]
     for name, most, unit in (
         ("velocity", LIMITS.velocity, "deg/s"),
         ("acceleration", LIMITS.acceleration, "deg/s^2"),
         ("jerk", LIMITS.jerk, "deg/s^3"),
     ):
-        peak = getattr(last, f"peak_{name}")
-        lines.append(f"largest {name:12} {peak:.6f} of {most:.6f} {unit} ({peak / most:.2%})")
-    lines.append("                     median      p99    p99.9    worst   (us)")
+        peaks = [getattr(record, f"peak_{name}") for record in records]
+        label = f"largest {name}, limit {most:.3f} {unit}"
+        rows.append((label, [f"{peak:.4f} ({peak / most:.2%})" for peak in peaks]))
+    rows.append(("dips of the velocity > 10 %", [str(dips(r.column("velocity"))) for r in records]))
+    lines = [f"{name:46}" + "".join(f"{cell:>24}" for cell in cells) for name, cells in rows]
+    lines.append("")
+    lines.append(f"{'us':22}{'median':>10}{'p99':>10}{'p99.9':>10}{'worst':>10}")
     for name, row in (
         ("period", timing.period),
         ("computing time", timing.computing),
         ("wake-up latency", timing.latency),
     ):
-        lines.append(f"{name:18} {_us(row)}")
-    lines.append(f"late                 {timing.late} cycles skipped of {timing.period.count + 1}")
+        lines.append(f"{name:22}{_us(row)}")
+    lines.append(f"late: {timing.late} cycles skipped of {timing.period.count + 1 + timing.late}")
     return "\n".join(lines)
 
 
+def _error(record: Record, goal: float) -> int:
+    return record.rows[-1].actual_counts - round(goal * COUNTS_PER_DEGREE)
+
+
 def _us(row: Distribution) -> str:
-    return " ".join(f"{1e6 * x:8.1f}" for x in (row.median, row.p99, row.p999, row.worst))
+    return "".join(f"{1e6 * x:10.1f}" for x in (row.median, row.p99, row.p999, row.worst))
 
 
-def draw(out: Path, recording: Recording, record: Record, cycle_time: float) -> int:
+def draw(out: Path, recording: Recording, records: tuple[Record, ...], cycle_time: float) -> int:
     """Write the picture, or say what is missing for it."""
     try:
         from sjerk.plot import Curve, panels
     except ImportError:
         print("no picture: matplotlib draws it (pip install 'sjerk[demo]')")
         return 0
-    t = (np.array(record.cycles) - record.cycles[0]) * cycle_time
-    content = {
-        "position / deg": [
-            Curve("recorded path", recording.time, recording.position, "."),
-            Curve("commanded", t, record.column("position")),
-            Curve("actual", t, record.column("actual_position"), "--"),
-        ],
-        "velocity / (deg/s)": [
-            Curve("commanded", t, record.column("velocity")),
-            Curve("actual", t, record.column("actual_velocity"), "--"),
-        ],
-        "acceleration / (deg/s^2)": [Curve("commanded", t, record.column("acceleration"))],
-        "jerk / (deg/s^3)": [Curve("commanded", t, record.column("jerk"))],
+    panel = {
+        "position / deg": [Curve("recorded path", recording.time, recording.position, "k.")],
+        "velocity / (deg/s)": [],
+        "acceleration / (deg/s^2)": [],
+        "jerk / (deg/s^3)": [],
     }
+    for record, colour in zip(records, ("C0", "C1"), strict=True):
+        t = (np.array(record.cycles) - record.cycles[0]) * cycle_time
+        for name in panel:
+            field = name.split()[0]
+            label = f"{record.label}, commanded"
+            panel[name].append(Curve(label, t, record.column(field), f"{colour}-"))
+            if field in ("position", "velocity"):
+                actual = record.column(f"actual_{field}")
+                panel[name].append(Curve(f"{record.label}, actual", t, actual, "k:"))
     limits = {
         "velocity / (deg/s)": LIMITS.velocity,
         "acceleration / (deg/s^2)": LIMITS.acceleration,
         "jerk / (deg/s^3)": LIMITS.jerk,
     }
-    title = f"one move to the path's end, cycle {cycle_time * 1e6:g} us"
-    panels(out, title, content, limits)
+    title = f"one move to the path's end, and every point streamed; cycle {cycle_time * 1e6:g} us"
+    panels(out, title, panel, limits)
     print(f"picture: {out}")
     return 0

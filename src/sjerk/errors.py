@@ -35,6 +35,10 @@ class InfeasibleError(SjerkError, ValueError):
         self.works = works
 
 
+class PlanError(SjerkError):
+    """The planner found no motion for a legal request: a fault of sjerk, please report it."""
+
+
 class RefusedError(SjerkError):
     """The kernel refused a goal: ``code`` (``enum sj_result``), ``reason``, ``axis`` or -1."""
 

@@ -24,13 +24,15 @@ from sjerk.errors import (
     real,
 )
 from sjerk.handshake import Layout, Segment, raise_for_status
-from sjerk.profile import Limits, Profile, scurve
+from sjerk.planning import Synchronization, check_target, code_of, cycles_of
+from sjerk.profile import Limits, State
+
+Target = float | State
 
 #: Why a goal was refused, by ``enum sj_result``.
 REASONS = {
-    lib.SJ_RESULT_MOVING: "the axis is moving",
     lib.SJ_RESULT_NOT_FOLLOWING: "the drive does not follow (not enabled, or stopped by itself)",
-    lib.SJ_RESULT_PLAN: "the plan does not start at the commanded position or misses its goal",
+    lib.SJ_RESULT_PLAN: "a number or a limit cannot be planned with",
     lib.SJ_RESULT_RANGE: "the goal is beyond what the drive can count",
     lib.SJ_RESULT_STOPPED: "a stop came with it, or the kernel is ending",
 }
@@ -69,7 +71,8 @@ class AxisFeedback:
     """One axis in one cycle; positions in axis units, time in seconds.
 
     ``position`` to ``jerk`` are the commanded sample, ``peak_*`` the largest magnitudes of it since
-    the last goal came, ``actual_*`` the encoder's. ``following_error`` is the drive's own (60F4h,
+    the last goal came, ``actual_*`` the encoder's. ``settled``: the goal has been reached.
+    ``following_error`` is the drive's own (60F4h,
     increments).
     """
 
@@ -90,6 +93,7 @@ class AxisFeedback:
     statusword: int
     error_code: int
     moving: bool
+    settled: bool
     follows: bool
     enabled: bool
     fault: bool
@@ -189,6 +193,7 @@ def _axis_feedback(raw: Any, T: float) -> AxisFeedback:
         statusword=raw.statusword,
         error_code=raw.error_code,
         moving=bool(raw.moving),
+        settled=bool(raw.settled),
         follows=bool(raw.follows),
         enabled=bool(raw.enabled),
         fault=bool(raw.fault),
@@ -208,17 +213,22 @@ class MoveState(Enum):
     REFUSED = "refused"
 
 
+def _reached(axis: Any, goal: State) -> bool:
+    """On the goal; or past it, still with the velocity that was asked for."""
+    return bool(axis.settled or (not axis.moving and axis.position == goal.position))
+
+
 class Move:
     """Handle of one commanded move."""
 
-    def __init__(self, host: Host, goal_id: int, targets: dict[int, float]) -> None:
+    def __init__(self, host: Host, goal_id: int, targets: dict[int, State]) -> None:
         """Not for callers: ``Host.move`` makes it."""
         self._host = host
         self._goal_id = goal_id
         self._targets = targets
 
     @property
-    def targets(self) -> dict[int, float]:
+    def targets(self) -> dict[int, State]:
         """Goal by axis number."""
         return dict(self._targets)
 
@@ -233,14 +243,11 @@ class Move:
         if frame.result_goal_id == self._goal_id and frame.result != lib.SJ_RESULT_ACCEPTED:
             return MoveState.REFUSED
         axes = [frame.axis[i] for i in self._targets]
-        if any(axis.moving and axis.goal_id == self._goal_id for axis in axes):
-            return MoveState.MOVING
-        if all(
-            axis.goal_id == self._goal_id and axis.position == goal
-            for axis, goal in zip(axes, self._targets.values(), strict=True)
-        ):
+        if any(axis.goal_id != self._goal_id for axis in axes):
+            return MoveState.STOPPED
+        if all(map(_reached, axes, self._targets.values())):
             return MoveState.DONE
-        return MoveState.STOPPED
+        return MoveState.MOVING if any(a.moving for a in axes) else MoveState.STOPPED
 
     @property
     def done(self) -> bool:
@@ -396,51 +403,58 @@ class Host:
                 "the stop",
             )
 
-    def move(self, target: float | Sequence[float] | dict[int, float]) -> Move:
-        """Move to a position: of the one axis, of all axes, or by axis number.
+    def move(
+        self,
+        target: Target | Sequence[Target] | dict[int, Target],
+        *,
+        limits: Limits | None = None,
+        synchronization: Synchronization = "time",
+        min_duration: float = 0.0,
+    ) -> Move:
+        """Move to a target: of the one axis, of all axes, or by axis number.
 
-        From rest, under the limits of each axis. Returns at once; the handle tells the rest. Raises
-        InputError for what is no position; a refusal by the kernel is raised by ``Move.wait``.
+        A target is a position, or a ``State`` with a velocity to arrive with. The kernel plans in
+        its next cycle from the commanded state, also during a motion, which the new goal replaces;
+        the same goal under the same limits changes nothing. ``limits``: others than the axes' own.
+        Returns at once; the handle tells the rest. Raises InputError for what is no target; a
+        refusal by the kernel is raised by ``Move.wait``.
         """
         targets = self._targets(target)
-        frame = self._frame()
-        profiles = {
-            i: scurve(goal - frame.axis[i].position, self._limits[i], self._T)
-            for i, goal in targets.items()
-        }
+        command = self._command
+        command.synchronization = code_of(synchronization)
+        command.least_cycles = cycles_of(min_duration, self._T)
+        own = {i: limits or self._limits[i] for i in targets}
+        for i, goal in targets.items():
+            check_target(f"target[{i}]", goal, own[i])
         for i in range(len(self._limits)):
-            entry = self._command.axis[i]
+            entry = command.axis[i]
             entry.moves = i in targets
             if i in targets:
-                entry.start, entry.goal = frame.axis[i].position, targets[i]
-                entry.goal_velocity = 0.0
-                _put(entry.plan, profiles[i])
-        self._command.goal_id += 1
+                entry.goal = targets[i].position
+                entry.goal_velocity = targets[i].velocity * self._T
+                entry.limits = own[i]._per_cycle(self._T)[0]
+        command.goal_id += 1
         self._publish()
-        return Move(self, int(self._command.goal_id), targets)
+        return Move(self, int(command.goal_id), targets)
 
-    def _targets(self, target: float | Sequence[float] | dict[int, float]) -> dict[int, float]:
+    def _targets(self, target: Target | Sequence[Target] | dict[int, Target]) -> dict[int, State]:
         axes = len(self._limits)
         if isinstance(target, dict):
             wanted: dict[int, Any] = dict(target)
         elif isinstance(target, Sequence) and not isinstance(target, str):
             if len(target) != axes:
-                raise InputError("target", target, f"must have one position per axis ({axes})")
+                raise InputError("target", target, f"must have one target per axis ({axes})")
             wanted = dict(enumerate(target))
         elif axes == 1:
             wanted = {0: target}
         else:
-            raise InputError("target", target, f"must name positions for {axes} axes")
+            raise InputError("target", target, f"must name targets for {axes} axes")
         for i in wanted:
             if not isinstance(i, int) or not 0 <= i < axes:
                 raise InputError("target", i, f"axis numbers are 0 .. {axes - 1}")
         if not wanted:
             raise InputError("target", target, "must name at least one axis")
-        return {i: real(f"target[{i}]", value) for i, value in wanted.items()}
-
-
-def _put(plan: Any, profile: Profile) -> None:
-    plan.cycles, plan.count = profile.cycles, len(profile.phases)
-    for i, phase in enumerate(profile.phases):
-        plan.phase[i].cycles = phase.cycles
-        plan.phase[i].jerk = phase.jerk * profile.cycle_time**3
+        return {
+            i: value if isinstance(value, State) else State(real(f"target[{i}]", value))
+            for i, value in wanted.items()
+        }

@@ -168,17 +168,7 @@ def _build(axes: Sequence[Axis], cycle_time: float, base: Any) -> Any:
     lib.sj_kernel_init(kernel, base, len(axes))
     T = cycle_time
     for i, axis in enumerate(axes):
-        limits, (deceleration, deceleration_jerk) = axis.limits, axis.limits.braking
-        per_cycle = ffi.new(
-            "sj_limits *",
-            (
-                limits.velocity * T,
-                limits.acceleration * T**2,
-                limits.jerk * T**3,
-                deceleration * T**2,
-                deceleration_jerk * T**3,
-            ),
-        )
+        limits, per_cycle = axis.limits, axis.limits._per_cycle(T)
         drive = axis.drive.changed(period_s=T)
         if lib.sj_kernel_axis(kernel, i, drive.to_c(), per_cycle, axis.counts_per_unit) != 0:
             raise InputError(f"axes[{i}].drive", drive, "does not fit the cycle time")

@@ -8,9 +8,8 @@ interpolator. Unit-free in position; time is in seconds. Never here: clocks, sha
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import product
 from typing import Any, Literal, NamedTuple
 
@@ -35,7 +34,8 @@ class Limits:
 
     Acceleration in the direction of the move is limited by ``acceleration`` and ``jerk``,
     acceleration against it by ``deceleration`` and ``deceleration_jerk`` (default: the same).
-    Raises ``InputError`` for anything but finite numbers greater than zero.
+    ``position`` is the range (low, high) that targets must lie in. Raises ``InputError`` for
+    anything but finite numbers greater than zero.
 
     >>> Limits(velocity=90.0, acceleration=500.0, jerk=5000.0).deceleration
     500.0
@@ -46,8 +46,18 @@ class Limits:
     jerk: float
     deceleration: float | None = None
     deceleration_jerk: float | None = None
+    position: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
+        if self.position is not None:
+            try:
+                low, high = self.position
+            except (TypeError, ValueError):
+                raise InputError("position", self.position, "must be (low, high)") from None
+            low, high = real("position[0]", low), real("position[1]", high)
+            if not low < high:
+                raise InputError("position", self.position, "low must be below high")
+            object.__setattr__(self, "position", (low, high))
         for name, fallback in (
             ("velocity", None),
             ("acceleration", None),
@@ -69,6 +79,7 @@ class Limits:
         *,
         deceleration: float | None = None,
         deceleration_jerk_factor: float | None = None,
+        position: tuple[float, float] | None = None,
     ) -> Limits:
         """Limits from a jerk factor s in (0, 1], the share of a full ramp spent at jerk.
 
@@ -93,7 +104,30 @@ class Limits:
                 ("acceleration", "deceleration"), (acceleration, braking), factors, strict=True
             )
         ]
-        return cls(velocity, acceleration, jerks[0], braking, jerks[1])
+        return cls(velocity, acceleration, jerks[0], braking, jerks[1], position)
+
+    def _per_cycle(self, cycle_time: float) -> Any:
+        """The limits as ``sj_limits *`` per cycle; made once per cycle time."""
+        try:
+            return self.__dict__["_c"][cycle_time]
+        except KeyError:
+            T = positive("cycle_time", cycle_time)
+            deceleration, deceleration_jerk = self.braking
+            made = ffi.new(
+                "sj_limits *",
+                (
+                    self.velocity * T,
+                    self.acceleration * T**2,
+                    self.jerk * T**3,
+                    deceleration * T**2,
+                    deceleration_jerk * T**3,
+                ),
+            )
+            self.__dict__.setdefault("_c", {})[cycle_time] = made
+            return made
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {k: v for k, v in self.__dict__.items() if k != "_c"}
 
     @property
     def braking(self) -> tuple[float, float]:
@@ -161,38 +195,165 @@ class Extrema:
     jerk: Range
 
 
-@dataclass(frozen=True)
+class _Way(NamedTuple):
+    """Nodes of a plan: time, P, V, A at phase starts and at the end, and the jerk from there."""
+
+    time: FloatArray
+    P: FloatArray
+    V: FloatArray
+    A: FloatArray
+    J: FloatArray
+
+
 class Profile:
-    """A planned motion of one axis in whole control cycles.
+    """A planned motion of one axis in whole control cycles. Immutable.
 
     ``start`` and ``end`` are the samples that the drive gets before and after: ``sample()`` begins
     with the one and settles on the other, bit for bit. The plan ``at(t)`` is the continuous motion
     behind the samples; they show it about half a cycle late (``docs/architecture.md``).
     """
 
-    phases: tuple[Phase, ...]
-    cycle_time: float
-    start: State
-    end: State
+    # The fast path makes profiles from C plans and leaves everything else until it is asked for.
+    __slots__ = (
+        "_c_owner",
+        "_c_plan",
+        "_cycle_time",
+        "_end",
+        "_phases",
+        "_range",
+        "_start",
+        "_way",
+    )
+
+    _phases: tuple[Phase, ...] | None
+    _way: _Way | None
+
+    def __init__(
+        self,
+        phases: Sequence[Phase],
+        cycle_time: float,
+        start: State,
+        end: State,
+        *,
+        position_range: tuple[float, float] | None = None,
+    ) -> None:
+        """Phases as they follow each other; ``cycle_time`` in seconds.
+
+        Raises InputError for lengths that are no cycles and jerks that are no numbers.
+        """
+        self._cycle_time = positive("cycle_time", cycle_time)
+        self._phases = tuple(phases)
+        self._start, self._end, self._range = start, end, position_range
+        self._way = self._c_owner = None
+        if len(self._phases) > lib.SJ_PHASES:
+            raise InputError("phases", len(self._phases), f"at most {lib.SJ_PHASES}")
+        self._c_plan = ffi.new("sj_plan *")
+        self._c_plan.count = len(self._phases)
+        per_cycle = self._cycle_time**3
+        for i, phase in enumerate(self._phases):
+            if isinstance(phase.cycles, bool) or not isinstance(phase.cycles, int):
+                raise InputError(f"phases[{i}].cycles", phase.cycles, "must be an int")
+            if not 1 <= phase.cycles <= CYCLES_MAX:
+                raise InputError(f"phases[{i}].cycles", phase.cycles, f"must be 1 .. {CYCLES_MAX}")
+            self._c_plan.phase[i].cycles = phase.cycles
+            self._c_plan.phase[i].jerk = real(f"phases[{i}].jerk", phase.jerk) * per_cycle
+            self._c_plan.cycles += phase.cycles
+
+    @classmethod
+    def _of(
+        cls,
+        plan: Any,
+        cycle_time: float,
+        start: State,
+        end: State,
+        limits: Limits,
+        owner: Any = None,
+    ) -> Profile:
+        """A profile of a finished ``sj_plan *``; ``owner`` keeps its memory."""
+        self = cls.__new__(cls)
+        self._c_plan = plan
+        self._c_owner = owner
+        self._cycle_time = cycle_time
+        self._start = start
+        self._end = end
+        self._range = limits.position
+        self._phases = self._way = None
+        return self
+
+    @property
+    def phases(self) -> tuple[Phase, ...]:
+        """The phases of constant jerk, in order."""
+        if self._phases is None:
+            plan, per_second = self._c_plan, self._cycle_time**3
+            self._phases = tuple(
+                Phase(plan.phase[i].cycles, plan.phase[i].jerk / per_second)
+                for i in range(plan.count)
+            )
+        return self._phases
+
+    @property
+    def cycle_time(self) -> float:
+        """Control cycle in seconds."""
+        return self._cycle_time
+
+    @property
+    def start(self) -> State:
+        """The sample before the motion."""
+        return self._start
+
+    @property
+    def end(self) -> State:
+        """The settled sample after it."""
+        return self._end
 
     @property
     def cycles(self) -> int:
         """Length N of the plan in control cycles."""
-        return sum(phase.cycles for phase in self.phases)
+        return int(self._c_plan.cycles)
 
     @property
     def duration(self) -> float:
         """Length of the plan in seconds, N * cycle_time."""
-        return self.cycles * self.cycle_time
+        return self.cycles * self._cycle_time
 
-    @cached_property
-    def _nodes(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+    @property
+    def leaves_range(self) -> bool:
+        """Whether the way leaves the position range of the limits it was planned under."""
+        if self._range is None:
+            return False
+        low, high = self._range
+        reach = self.extrema().position
+        slack = 1e-12 * max(abs(low), abs(high))
+        return reach.low < low - slack or reach.high > high + slack
+
+    def _key(self) -> tuple[Any, ...]:
+        return self.phases, self._cycle_time, self._start, self._end, self._range
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Profile) and self._key() == other._key()
+
+    def __hash__(self) -> int:
+        return hash(self._key())
+
+    def __repr__(self) -> str:
+        return (
+            f"Profile(phases={self.phases!r}, cycle_time={self._cycle_time!r}, "
+            f"start={self._start!r}, end={self._end!r})"
+        )
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _profile_from, self._key()
+
+    @property
+    def _nodes(self) -> _Way:
         """Time, P, V, A at the start of every phase and at the end, and the jerk from there on."""
-        T_s = self.cycle_time
+        if self._way is not None:
+            return self._way
+        T_s = self._cycle_time
         # Half-cycle lemma, no jerk before the start: the continuous state behind the first sample.
-        A = self.start.acceleration
-        V = self.start.velocity + 0.5 * T_s * A
-        P = self.start.position + 0.5 * T_s * self.start.velocity - T_s**2 / 12.0 * A
+        A = self._start.acceleration
+        V = self._start.velocity + 0.5 * T_s * A
+        P = self._start.position + 0.5 * T_s * self._start.velocity - T_s**2 / 12.0 * A
         done = 0
         nodes = [(0.0, P, V, A)]
         for phase in self.phases:
@@ -205,7 +366,8 @@ class Profile:
             nodes.append((done * T_s, P, V, A))
         jerks = np.array([*(phase.jerk for phase in self.phases), 0.0])
         time, position, velocity, acceleration = np.array(nodes).T.copy()
-        return time, position, velocity, acceleration, jerks
+        self._way = _Way(time, position, velocity, acceleration, jerks)
+        return self._way
 
     def at(self, t: ArrayLike) -> Samples:
         """Return the planned motion at time ``t`` in closed form, Eqs. (1)-(6).
@@ -229,18 +391,6 @@ class Profile:
         position = position + velocity * (time - clipped)
         return Samples(time, position, velocity, acceleration, jerk)
 
-    @cached_property
-    def _c(self) -> tuple[Any, Any, Any]:
-        """Phases (jerk per cycle^3), start and end as the C core takes them."""
-        if len(self.phases) > lib.SJ_PHASES:
-            raise InputError("phases", len(self.phases), f"at most {lib.SJ_PHASES}")
-        plan = ffi.new("sj_plan *")
-        plan.cycles, plan.count = self.cycles, len(self.phases)
-        for i, phase in enumerate(self.phases):
-            plan.phase[i].cycles = phase.cycles
-            plan.phase[i].jerk = phase.jerk * self.cycle_time**3
-        return plan, _c_state(self.start), _c_state(self.end)
-
     def sample(self, out: Samples | None = None) -> Samples:
         """Return what the drive gets, cycle by cycle, Eqs. (15)-(17): N + 2 rows.
 
@@ -254,13 +404,17 @@ class Profile:
         rows = self.cycles + 2
         if out is None:
             out = Samples.empty(rows)
+        self._sample_rows(out, rows)
+        return out
+
+    def _sample_rows(self, out: Samples, rows: int) -> None:
         table = ffi.new("sj_table *")
         table.rows = rows
         columns = [_c_column(name, getattr(out, name), rows) for name in COLUMNS]
         table.time, table.position, table.velocity, table.acceleration, table.jerk = columns
-        if lib.sj_sample(*self._c, self.cycle_time, table) != lib.SJ_LOAD_OK:
+        ends = _c_state(self._start), _c_state(self._end)
+        if lib.sj_sample(self._c_plan, *ends, self._cycle_time, table) != lib.SJ_LOAD_OK:
             raise InputError("phases", self.phases, "must lead from start to end in whole cycles")
-        return out
 
     def extrema(self) -> Extrema:
         """Return the ranges of the plan, with the peaks inside phases (zeros of A and of V)."""
@@ -280,6 +434,12 @@ class Profile:
                 for x in (plan.position, plan.velocity, plan.acceleration, jerks)
             )
         )
+
+
+def _profile_from(
+    phases: tuple[Phase, ...], cycle_time: float, start: State, end: State, range_: Any
+) -> Profile:
+    return Profile(phases, cycle_time, start, end, position_range=range_)
 
 
 def _roots(a: float, b: float, c: float) -> tuple[float, ...]:

@@ -1,0 +1,425 @@
+"""Planning from any state to any target in whole cycles: the C planner for Python.
+
+``plan`` and ``plan_velocity`` return the same ``Profile`` as the paper's ``scurve``; ``plan_many``
+is the fast path without an object per plan. ``docs/explanation/planner.md`` explains the method.
+Never here: clocks, shared memory, drives.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Literal, NoReturn, overload
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sjerk._binding import ffi, lib
+from sjerk.errors import InputError, PlanError, positive, real
+from sjerk.profile import CYCLES_MAX, FloatArray, Limits, Profile, Samples, State
+
+Synchronization = Literal["time", "phase", "none"]
+_CODES = {"none": lib.SJ_SYNC_NONE, "time": lib.SJ_SYNC_TIME, "phase": lib.SJ_SYNC_PHASE}
+_NAMES: dict[int, Synchronization] = {
+    lib.SJ_SYNC_NONE: "none",
+    lib.SJ_SYNC_TIME: "time",
+    lib.SJ_SYNC_PHASE: "phase",
+}
+_PLAN_DTYPE = np.dtype(
+    [
+        ("cycles", np.int64),
+        ("count", np.int32),
+        ("kind", np.int32),
+        ("phase", [("cycles", np.int64), ("jerk", np.float64)], (lib.SJ_PHASES,)),
+    ]
+)
+assert _PLAN_DTYPE.itemsize == ffi.sizeof("sj_plan")
+
+
+class Motion:
+    """Planned motions of N axes that start together.
+
+    ``synchronization`` is what was done: ``"phase"`` falls back to ``"time"``.
+    """
+
+    __slots__ = ("_ends", "_limits", "_plans", "_profiles", "_starts", "_synchronization", "_time")
+
+    _profiles: tuple[Profile, ...] | None
+
+    def __init__(
+        self,
+        plans: Any,
+        cycle_time: float,
+        starts: Sequence[State],
+        ends: Sequence[State],
+        limits: Sequence[Limits],
+        synchronization: Synchronization,
+    ) -> None:
+        """Not for callers: ``plan`` makes it."""
+        self._plans, self._time = plans, cycle_time
+        self._starts, self._ends, self._limits = starts, ends, limits
+        self._synchronization = synchronization
+        self._profiles = None
+
+    @property
+    def synchronization(self) -> Synchronization:
+        """How the axes share the motion."""
+        return self._synchronization
+
+    @property
+    def profiles(self) -> tuple[Profile, ...]:
+        """One profile per axis, of one length unless ``synchronization`` is ``"none"``."""
+        if self._profiles is None:
+            rows = zip(self._starts, self._ends, self._limits, strict=True)
+            self._profiles = tuple(
+                Profile._of(self._plans + i, self._time, start, end, limits, self._plans)
+                for i, (start, end, limits) in enumerate(rows)
+            )
+        return self._profiles
+
+    def __len__(self) -> int:
+        return len(self._starts)
+
+    def __getitem__(self, axis: int) -> Profile:
+        return self.profiles[axis]
+
+    def __iter__(self) -> Iterator[Profile]:
+        return iter(self.profiles)
+
+    @property
+    def cycle_time(self) -> float:
+        """Control cycle in seconds."""
+        return self._time
+
+    @property
+    def cycles(self) -> int:
+        """Length of the longest profile in control cycles."""
+        return int(max(self._plans[i].cycles for i in range(len(self._starts))))
+
+    @property
+    def duration(self) -> float:
+        """Length in seconds."""
+        return self.cycles * self._time
+
+    @property
+    def leaves_range(self) -> bool:
+        """Whether any axis leaves its position range on the way."""
+        return any(profile.leaves_range for profile in self.profiles)
+
+    def at(self, t: ArrayLike) -> Samples:
+        """Return the planned motions at time ``t``: fields have the shape of ``t`` and (N,)."""
+        axes = [profile.at(t) for profile in self.profiles]
+        stacked = (
+            np.stack([getattr(axis, name) for axis in axes], axis=-1)
+            for name in ("position", "velocity", "acceleration", "jerk")
+        )
+        return Samples(axes[0].time, *stacked)
+
+    def sample(self) -> Samples:
+        """Return what the drives get: ``time`` (rows,), the rest (rows, N); rows = cycles + 2.
+
+        An axis that arrives earlier (``"none"``) goes on with its end velocity.
+        """
+        rows, axes = self.cycles + 2, len(self)
+        columns = [np.empty((axes, rows)) for _ in range(4)]
+        time = np.empty(rows)
+        for i, profile in enumerate(self.profiles):
+            profile._sample_rows(Samples(time, *(column[i] for column in columns)), rows)
+        return Samples(time, *(column.T for column in columns))
+
+
+@dataclass(frozen=True)
+class Plans:
+    """Many independent plans as arrays; row i is request i."""
+
+    cycles: NDArray[np.int64]
+    cycle_time: float
+    raw: NDArray[Any]
+
+    @property
+    def duration(self) -> FloatArray:
+        """Lengths in seconds."""
+        return np.multiply(self.cycles, self.cycle_time, dtype=np.float64)
+
+    @cached_property
+    def phase_counts(self) -> NDArray[np.int32]:
+        """Phases used by each plan."""
+        counts: NDArray[np.int32] = self.raw["count"]
+        return counts
+
+    def phases(self, i: int) -> tuple[NDArray[np.int64], FloatArray]:
+        """Cycles and jerks (axis unit / s^3) of the phases of plan ``i``."""
+        used = self.raw["phase"][i, : self.phase_counts[i]]
+        return used["cycles"].copy(), used["jerk"] / self.cycle_time**3
+
+    def __len__(self) -> int:
+        return len(self.cycles)
+
+
+@overload
+def plan(
+    start: State | float,
+    target: State | float,
+    limits: Limits,
+    cycle_time: float,
+    *,
+    synchronization: Synchronization = ...,
+    min_duration: float = ...,
+) -> Profile: ...
+@overload
+def plan(
+    start: Sequence[State | float],
+    target: Sequence[State | float],
+    limits: Limits | Sequence[Limits],
+    cycle_time: float,
+    *,
+    synchronization: Synchronization = ...,
+    min_duration: float = ...,
+) -> Motion: ...
+def plan(
+    start: State | float | Sequence[State | float],
+    target: State | float | Sequence[State | float],
+    limits: Limits | Sequence[Limits],
+    cycle_time: float,
+    *,
+    synchronization: Synchronization = "time",
+    min_duration: float = 0.0,
+) -> Profile | Motion:
+    """Plan the fastest motion in whole cycles from any state to any target.
+
+    ``start`` and ``target``: a ``State`` or a position (one axis), or sequences of them (N axes,
+    1 to 64); states of the samples, with no jerk before the start. The target's velocity is free
+    within the limits, its acceleration must be 0. A start outside the limits is brought back inside
+    as fast as jerk allows. ``synchronization``: ``"time"`` all axes arrive in the same cycle,
+    ``"phase"`` on a straight line (rest to rest; else time), ``"none"`` each for itself.
+    ``min_duration`` in seconds stretches.
+
+    The direction of the move, for ``deceleration`` limits, is the way from start to target. Any
+    request of usable numbers succeeds. Raises InputError for unusable ones: not finite, target
+    outside ``limits.position`` or faster than ``limits.velocity``, more than 2^50 cycles.
+
+    >>> limits = Limits(velocity=90.0, acceleration=500.0, jerk=5000.0)
+    >>> profile = plan(State(10.0, velocity=40.0), 160.0, limits, 1e-3)
+    >>> profile.cycles, float(profile.sample().position[-1])
+    (1862, 160.0)
+    """
+    if isinstance(limits, Limits):
+        single = limits._per_cycle(cycle_time)
+        if start.__class__ is State and target.__class__ is State and not min_duration:
+            return _one(start, target, limits, single, cycle_time)
+    elif not limits:
+        raise InputError("limits", limits, "must be a Limits or one per axis")
+    code, least = code_of(synchronization), cycles_of(min_duration, cycle_time)
+    one = not isinstance(start, Sequence) and not isinstance(target, Sequence)
+    starts = _states("start", [start] if one else start)
+    targets = _states("target", [target] if one else target)
+    several = [limits] * len(starts) if isinstance(limits, Limits) else list(limits)
+    if not len(starts) == len(targets) == len(several):
+        lengths = (len(starts), len(targets), len(several))
+        raise InputError("start, target, limits", lengths, "must have one entry per axis")
+    return _axes(starts, targets, several, cycle_time, least, code, single=one)
+
+
+def _one(start: State, target: State, limits: Limits, c_limits: Any, T: float) -> Profile:
+    """The fast path: one axis, states built beforehand, no options."""
+    if target.acceleration != 0.0 or limits.position is not None:
+        check_target("target", target, limits)
+    made = ffi.new("sj_plan *")
+    status = lib.sj_plan_sample(
+        T,
+        start.position,
+        start.velocity,
+        start.acceleration,
+        target.position,
+        target.velocity,
+        c_limits,
+        made,
+    )
+    if status != 0:
+        _fail(status, "target", target, limits)
+    return Profile._of(made, T, start, target, limits)
+
+
+def _axes(
+    starts: list[State],
+    targets: list[State],
+    limits: list[Limits],
+    T: float,
+    least: int,
+    code: int,
+    *,
+    single: bool,
+) -> Profile | Motion:
+    n = len(starts)
+    if not 1 <= n <= lib.SJ_AXES:
+        raise InputError("start", n, f"must be 1 .. {lib.SJ_AXES} axes")
+    for i, (target, limit) in enumerate(zip(targets, limits, strict=True)):
+        if not isinstance(limit, Limits):
+            raise InputError(f"limits[{i}]", limit, "must be a Limits")
+        check_target(f"target[{i}]", target, limit)
+    plans = ffi.new("sj_plan[]", n)
+    mode = ffi.new("int32_t *", code)
+    status = lib.sj_plan_samples(
+        n,
+        T,
+        ffi.new("sj_state[]", [(s.position, s.velocity, s.acceleration) for s in starts]),
+        ffi.new("sj_state[]", [(s.position, s.velocity, 0.0) for s in targets]),
+        ffi.new("sj_limits[]", [limit._per_cycle(T)[0] for limit in limits]),
+        least,
+        mode,
+        plans,
+    )
+    if status != 0:
+        _fail(status, "target", targets, limits)
+    if single:
+        return Profile._of(plans + 0, T, starts[0], targets[0], limits[0], plans)
+    return Motion(plans, T, starts, targets, limits, _NAMES[mode[0]])
+
+
+def plan_velocity(
+    start: State | float, velocity: float, limits: Limits, cycle_time: float
+) -> Profile:
+    """Plan the fastest change to ``velocity`` in whole cycles (jog; stop with 0).
+
+    ``start``: a ``State``, or a position at rest. Where it ends is ``Profile.end``; the direction
+    of the move is that of ``velocity``, or of the start's velocity for a stop. Raises InputError.
+
+    >>> profile = plan_velocity(State(0.0, velocity=90.0), 0.0, Limits(90.0, 500.0, 5000.0), 1e-3)
+    >>> profile.cycles, profile.end.velocity
+    (280, 0.0)
+    """
+    (state,) = _states("start", [start])
+    velocity = real("velocity", velocity)
+    if abs(velocity) > limits.velocity:
+        raise InputError("velocity", velocity, f"must lie within +-{limits.velocity!r}")
+    made, end = ffi.new("sj_plan *"), ffi.new("double *")
+    status = lib.sj_plan_sample_velocity(
+        cycle_time,
+        ffi.new("sj_state *", (state.position, state.velocity, state.acceleration)),
+        velocity,
+        limits._per_cycle(cycle_time),
+        made,
+        end,
+    )
+    if status != 0:
+        _fail(status, "velocity", velocity, limits)
+    return Profile._of(made, cycle_time, state, State(end[0], velocity), limits)
+
+
+def plan_many(
+    start: ArrayLike, target: ArrayLike, limits: Limits | Sequence[Limits], cycle_time: float
+) -> Plans:
+    """Plan n independent axes at once, without a Python object per plan and without the GIL.
+
+    ``start``: positions (n,), or rows (n, 1..3) of position, velocity, acceleration; ``target``:
+    positions (n,), or rows (n, 1..2) of position, velocity; ``limits``: one for all, or n.
+    Row i of the result is what ``plan`` would return. Raises InputError with the row.
+
+    >>> plans = plan_many([0.0, 1.0], [160.0, 160.0], Limits(90.0, 500.0, 5000.0), 1e-3)
+    >>> plans.cycles.tolist()
+    [2058, 2047]
+    """
+    begin, end = _rows("start", start, 3), _rows("target", target, 2)
+    n = len(begin)
+    one = isinstance(limits, Limits)
+    several = [limits] if isinstance(limits, Limits) else list(limits)
+    if len(end) != n or (not one and len(several) != n):
+        lengths = (n, len(end), len(several))
+        raise InputError("start, target, limits", lengths, "must have the same number of rows")
+    for limit in several:
+        if limit.position is not None:
+            outside = (end[:, 0] < limit.position[0]) | (end[:, 0] > limit.position[1])
+            if one and np.any(outside):
+                row = int(np.argmax(outside))
+                raise InputError(f"target[{row}]", end[row, 0], f"must lie in {limit.position}")
+    if not one:
+        for i, limit in enumerate(several):
+            check_target(f"target[{i}]", State(float(end[i, 0])), limit)
+    raw = np.empty(n, dtype=_PLAN_DTYPE)
+    if one:
+        c_limits = several[0]._per_cycle(cycle_time)
+    else:
+        c_limits = ffi.new("sj_limits[]", [limit._per_cycle(cycle_time)[0] for limit in several])
+    failed = ffi.new("int64_t *")
+    status = lib.sj_plan_rows(
+        n,
+        cycle_time,
+        ffi.from_buffer("double[]", begin),
+        begin.shape[1],
+        ffi.from_buffer("double[]", end),
+        end.shape[1],
+        c_limits,
+        0 if one else 1,
+        ffi.cast("sj_plan *", ffi.from_buffer(raw)),
+        failed,
+    )
+    if status != 0:
+        row = int(failed[0])
+        state = (begin[row].tolist(), end[row].tolist())
+        _fail(status, f"row {row}", state, several[0 if one else row])
+    return Plans(raw["cycles"], cycle_time, raw)
+
+
+def _rows(name: str, value: ArrayLike, most: int) -> FloatArray:
+    rows = np.ascontiguousarray(value, dtype=np.float64)
+    if rows.ndim == 1:
+        rows = rows.reshape(-1, 1)
+    if rows.ndim != 2 or not 1 <= rows.shape[1] <= most:
+        raise InputError(name, rows.shape, f"must have shape (n,) or (n, 1..{most})")
+    bad = ~np.isfinite(rows).all(axis=1)
+    if bad.any():
+        row = int(np.argmax(bad))
+        raise InputError(f"{name}[{row}]", rows[row].tolist(), "must be finite")
+    return rows
+
+
+def _states(name: str, values: Any) -> list[State]:
+    if not isinstance(values, Sequence) or isinstance(values, str):
+        raise InputError(name, values, "must be a State, a number, or a sequence of them")
+    return [
+        value if isinstance(value, State) else State(real(f"{name}[{i}]", value))
+        for i, value in enumerate(values)
+    ]
+
+
+def code_of(synchronization: str) -> int:
+    """The ``enum sj_synchronization`` of a name."""
+    if synchronization not in _CODES:
+        raise InputError("synchronization", synchronization, f"must be one of {', '.join(_CODES)}")
+    return int(_CODES[synchronization])
+
+
+def cycles_of(min_duration: float, cycle_time: float) -> int:
+    """Whole cycles that last at least so many seconds."""
+    cycles = real("min_duration", min_duration) / positive("cycle_time", cycle_time)
+    if not 0.0 <= cycles <= CYCLES_MAX:
+        raise InputError("min_duration", min_duration, f"must be 0 .. {CYCLES_MAX} cycles")
+    return math.ceil(cycles * (1.0 - 1e-11))
+
+
+def check_target(name: str, target: State, limits: Limits) -> None:
+    """Refuse what no plan may end in."""
+    if target.acceleration != 0.0:
+        raise InputError(
+            f"{name}.acceleration", target.acceleration, "must be 0: not supported yet"
+        )
+    if abs(target.velocity) > limits.velocity:
+        raise InputError(
+            f"{name}.velocity", target.velocity, f"must lie within +-{limits.velocity!r}"
+        )
+    if limits.position is not None and not (
+        limits.position[0] <= target.position <= limits.position[1]
+    ):
+        raise InputError(f"{name}.position", target.position, f"must lie in {limits.position}")
+
+
+def _fail(status: int, field: str, value: Any, limits: Any) -> NoReturn:
+    if status == lib.SJ_PLAN_TOO_LONG:
+        raise InputError(field, value, f"takes more than {CYCLES_MAX} cycles under {limits}")
+    if status == lib.SJ_PLAN_INVALID:
+        if isinstance(value, State):
+            check_target(field, value, limits)
+        raise InputError(field, value, f"cannot be planned under {limits}")
+    raise PlanError(f"no common length was found for {value!r} under {limits}")
