@@ -253,7 +253,14 @@ def c11_is_homed_tells_whether_a_reference_exists(bench: Bench) -> None:
 
 def c12_unsupported_modes_are_refused_by_the_master(bench: Bench) -> None:
     bench.start()
-    for mode in ("HOMING", CSP, "CYCLIC SYNCHRONOUS VELOCITY", "CYCLIC SYNCHRONOUS TORQUE"):
+    for mode in (
+        "PROFILED POSITION",
+        "PROFILED VELOCITY",
+        "HOMING",
+        CSP,
+        "CYCLIC SYNCHRONOUS VELOCITY",
+        "CYCLIC SYNCHRONOUS TORQUE",
+    ):
         assert bench.node.is_op_mode_supported(mode)
     try:
         bench.node.op_mode = "VELOCITY"
@@ -277,6 +284,7 @@ def c13_boot_up_and_heartbeat_are_sent(bench: Bench) -> None:
 def stream_of_2000_targets_arrives(bench: Bench) -> None:
     """From Switch on disabled through 2000 targets of an s-curve to the position window."""
     bench.start()
+    bench.node.sdo[0x6068].raw = 100  # in the window to stay, not in passing
     bench.enable()
     start = bench.node.sdo[0x6064].raw
     seconds = 2000 * PERIOD
@@ -289,10 +297,8 @@ def stream_of_2000_targets_arrives(bench: Bench) -> None:
         bench.wait(lambda: not bench.targets, 60)
         bench.wait(lambda: bench.words[-1] & 0x1400 == 0x1400, 10)
     else:
-        for target in (
-            *curve[::20],
-            curve[-1],
-        ):  # no stream: a step once the last is done
+        # SDOs make no stream: a step, once the last is done
+        for target in (*curve[::20], curve[-1]):
             bench.node.sdo[0x607A].raw = target
             bench.wait(lambda goal=target: bench.node.sdo[0x6062].raw == goal)
         bench.wait(lambda: bench.node.sdo[0x6041].raw & 0x1400 == 0x1400, 10)

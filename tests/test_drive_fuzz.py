@@ -62,7 +62,7 @@ def random_frame(draw: random.Random, device: Device) -> tuple[int, bytes, bool]
         if draw.random() < 0.02:
             target = draw.getrandbits(32)
         target = (target + 2**31) % 2**32
-        mode = draw.choice((8, 8, 8, 6, 9, 10, draw.randrange(256)))
+        mode = draw.choice((8, 8, 8, 1, 3, 6, 9, 10, draw.randrange(256)))
         data = bytes((word & 0xFF, word >> 8, mode)) + (target ^ 2**31).to_bytes(4, "little")
         return 0x200 + NODE, data, False
     if kind < 0.90:
@@ -136,7 +136,8 @@ def test_random_words_under_the_sanitizers(tmp_path: Path) -> None:
     if compiler is None:
         pytest.skip("no C compiler")
     root = Path(__file__).parents[1]
-    rooms = ["_cia402", "_servo", "_stream", "_drive_config", "_homing"]
+    rooms = ["_cia402", "_servo", "_stream", "_drive_config", "_homing", "_drive_profile"]
+    rooms += ["_profile"]
     program = tmp_path / "fuzz_drive"
     built = subprocess.run(
         [

@@ -246,6 +246,8 @@ enum {                                  /* statusword 6041h */
 
 enum {                                  /* modes of operation 6060h */
     SJ_MODE_NONE = 0,
+    SJ_MODE_PROFILE_POSITION = 1,
+    SJ_MODE_PROFILE_VELOCITY = 3,
     SJ_MODE_HOMING = 6,
     SJ_MODE_CSP = 8,
     SJ_MODE_CSV = 9,
@@ -320,6 +322,7 @@ typedef struct {
     double jump_factor;                 /* jump limit = speed limit x period x factor */
     double stream_acceleration_rev_s2;  /* limit of the verdict; 0 = peak torque / inertia */
     double stream_jerk_rev_s3;          /* limit of the verdict; 0 = not judged */
+    double profile_jerk_rev_s3;         /* of modes 1 and 3 */
     double switch_negative_rev;         /* limit switch closed below; closed never if <= -1e9 */
     double switch_positive_rev;         /* limit switch closed above; closed never if >= 1e9 */
     double switch_home_rev;             /* home switch closed above */
@@ -340,6 +343,8 @@ typedef struct {
     uint32_t position_window;           /* 6067h; FFFFFFFFh = off */
     uint32_t position_time_ms;          /* 6068h */
     uint32_t max_profile_velocity;      /* 607Fh, pu/s */
+    uint32_t profile_velocity;          /* 6081h, pu/s */
+    uint32_t profile_acceleration;      /* 6083h, pu/s^2 */
     uint32_t profile_deceleration;      /* 6084h, pu/s^2 */
     uint32_t quick_stop_deceleration;   /* 6085h, pu/s^2 */
     uint32_t max_acceleration;          /* 60C5h, pu/s^2; FFFFFFFFh = off */
@@ -410,6 +415,22 @@ typedef struct {                        /* what the state machine decides upon *
     uint8_t cause;                      /* the cause of a fault is still there */
     uint8_t standing;                   /* the motor stands, a stop has ended */
 } sj_drive_input;
+
+enum {                                  /* what a drive in mode 1 or 3 wants planned */
+    SJ_REQUEST_NONE = 0,
+    SJ_REQUEST_MOVE = 1,
+    SJ_REQUEST_VELOCITY = 2
+};
+
+typedef struct {                        /* from the demand at hand; increments and periods */
+    int32_t kind;                       /* SJ_REQUEST_... */
+    int32_t pad;
+    double distance;                    /* of a move that ends at rest */
+    double goal;                        /* velocity */
+    double velocity;                    /* at the start */
+    double acceleration;
+    sj_limits limits;
+} sj_drive_request;
 
 enum {                                  /* what a servo period is to control */
     SJ_SERVO_OFF = 0,
@@ -491,7 +512,13 @@ typedef struct {
     sj_drive_point demand;
     double demand_fraction;             /* of an increment, left by ramps */
     double demand_velocity;             /* increments per period at its end */
+    double demand_acceleration;         /* increments per period^2, of a plan */
     double torque_demand_nm;
+    sj_drive_request request;
+    sj_plan plan;                       /* being executed in modes 1 and 3 */
+    int64_t plan_left;                  /* periods of its present phase */
+    int64_t goal_units;                 /* 607Ah of the set-point, within 607Bh */
+    double goal_velocity;               /* increments per period */
     int64_t ratio_units;                /* pu = increments * ratio_units / ratio_increments */
     int64_t ratio_increments;
     int64_t range;                      /* pu in one wrap of 607Bh */
@@ -507,6 +534,11 @@ typedef struct {
     int32_t limited;                    /* statusword bit 11 of this cycle */
     int32_t missed_in_row;
     int32_t sync_errors;
+    int32_t plan_phase;                 /* -1: none */
+    int32_t goal_set;                   /* a goal exists: 1 position, 2 velocity */
+    int32_t goal_waits;                 /* a second set-point until the first is reached */
+    int32_t acknowledged;               /* statusword bit 12 of mode 1 */
+    int64_t waiting_units;
     int32_t homing;                     /* SJ_HOMING_... */
     int32_t homed;                      /* a reference exists */
     int32_t homing_error;
@@ -537,6 +569,9 @@ int32_t sj_drive_init(sj_drive *drive, const sj_drive_config *config);      /* a
 int32_t sj_drive_configure(sj_drive *drive, const sj_drive_config *config); /* keeps the motion */
 void sj_drive_rescale(sj_drive *drive);      /* positions in pu anew from the encoder's increments */
 void sj_drive_cycle(sj_drive *drive, const sj_drive_rx *rx, sj_drive_tx *tx);
+/* The same with modes 1 and 3: what the drive asks for is planned at the period's end. */
+void sj_drive_cycle_planned(sj_drive *drive, const sj_drive_rx *rx, sj_drive_tx *tx);
+void sj_drive_answer(sj_drive *drive, const sj_plan *plan);     /* NULL: there is none */
 void sj_drive_cycle_many(sj_drive *drives, const sj_drive_rx *rx, sj_drive_tx *tx, int32_t count);
 void sj_drive_inject(sj_drive *drive, int32_t fault, int32_t present);
 uint16_t sj_drive_fault_code(int32_t fault);                    /* 603Fh of a named fault */

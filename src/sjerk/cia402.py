@@ -86,6 +86,8 @@ class Mode(enum.IntEnum):
     """Modes of operation 6060h that the drive has."""
 
     NONE = 0
+    PROFILE_POSITION = 1
+    PROFILE_VELOCITY = 3
     HOMING = 6
     CSP = 8
     CSV = 9
@@ -381,6 +383,7 @@ class DriveConfig:
     jump_factor: float = 1.1
     stream_acceleration_rev_s2: float = 0.0
     stream_jerk_rev_s3: float = 0.0
+    profile_jerk_rev_s3: float = 10000.0
     switch_negative_rev: float = -1e9
     switch_positive_rev: float = 1e9
     switch_home_rev: float = 1e9
@@ -401,6 +404,8 @@ class DriveConfig:
     position_window: int = 10
     position_time_ms: int = 0
     max_profile_velocity: int = 1677721600
+    profile_velocity: int = 167772160
+    profile_acceleration: int = 1677721600
     profile_deceleration: int = 1677721600
     quick_stop_deceleration: int = 4194304000
     max_acceleration: int = 0xFFFFFFFF
@@ -655,7 +660,7 @@ class Drive:
         rx.torque_offset = torque_offset
         rx.target_velocity = target_velocity
         rx.target_torque = target_torque
-        lib.sj_drive_cycle(self._c, rx, self._tx)
+        lib.sj_drive_cycle_planned(self._c, rx, self._tx)
         tx = self._tx
         return Feedback(
             StatusWord(tx.statusword),

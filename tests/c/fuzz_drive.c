@@ -77,8 +77,8 @@ static const uint8_t LEGAL[8][8] = {
 int main(int count, char **arguments)
 {
     const uint64_t cycles = strtoull(count > 1 ? arguments[1] : "100000", NULL, 10);
-    static const uint16_t walk[] = {0x00, 0x06, 0x07, 0x0F, 0x0F, 0x0F, 0x0F, 0x80, 0x02, 0x10F, 0x1F};
-    static const int8_t modes[] = {0, 6, 8, 8, 8, 9, 10, 1, -1};
+    static const uint16_t walk[] = {0x00, 0x06, 0x07, 0x0F, 0x0F, 0x0F, 0x0F, 0x80, 0x02, 0x10F, 0x1F, 0x1F, 0x3F, 0x5F};
+    static const int8_t modes[] = {0, 1, 1, 3, 6, 8, 8, 8, 9, 10, 7, -1};
     static const uint16_t climb[8] = {0x00, 0x06, 0x07, 0x0F, 0x0F, 0x0F, 0x0F, 0x00};
     uint64_t visited[8] = {0};
     sj_drive_config config;
@@ -94,7 +94,7 @@ int main(int count, char **arguments)
         if (below(4000) == 0) {
             sj_drive_config_default(&config);
             promise(sj_drive_init(&drive, &config) == 0, "the defaults are refused", k);
-            sj_drive_cycle(&drive, &rx, &tx);
+            sj_drive_cycle_planned(&drive, &rx, &tx);
             continue;
         }
         if (below(60) == 0) {
@@ -130,7 +130,7 @@ int main(int count, char **arguments)
         rx.target_velocity = below(3) ? (int32_t)below(1000000) : wild();
         rx.target_torque = (int16_t)(below(3) ? below(100) : (uint32_t)wild());
         rx.torque_offset = (int16_t)(below(20) ? 0 : wild());
-        sj_drive_cycle(&drive, &rx, &tx);
+        sj_drive_cycle_planned(&drive, &rx, &tx);
         promise(drive.state >= 0 && drive.state < 8, "no such state", k);
         promise(LEGAL[before][drive.state], "no such transition", k);
         promise((tx.statusword & 0x6F) == sj_drive_state_bits(drive.state), "statusword", k);

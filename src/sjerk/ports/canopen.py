@@ -461,6 +461,10 @@ def run(arguments: argparse.Namespace) -> int:
             flush=True,
         )
         node.announce(tell)
-        node.run(bus, lambda: stopping)
+        try:
+            node.run(bus, lambda: stopping)
+        except (can.CanError, OSError) as error:
+            print(f"the bus failed: {error}", file=sys.stderr)
+            return 1
     print(device.drive.report(), flush=True)
     return 0
