@@ -136,8 +136,8 @@ def test_random_words_under_the_sanitizers(tmp_path: Path) -> None:
     if compiler is None:
         pytest.skip("no C compiler")
     root = Path(__file__).parents[1]
-    rooms = ["_cia402", "_servo", "_stream", "_drive_config", "_homing", "_drive_profile"]
-    rooms += ["_profile"]
+    rooms = ["_cia402", "_drive", "_drive_config", "_drive_motion", "_drive_profile"]
+    rooms += ["_drive_units", "_homing", "_profile", "_servo", "_stream"]
     program = tmp_path / "fuzz_drive"
     built = subprocess.run(
         [

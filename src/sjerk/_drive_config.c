@@ -5,7 +5,7 @@
  */
 #include <stdint.h> /* the contract's integer types */
 #include <stddef.h> /* offsetof */
-#include "_kernel.h"
+#include "_drive.h" /* what the rooms of the drive share */
 
 typedef enum { REAL, UNSIGNED, SIGNED } kind;
 

@@ -1,13 +1,231 @@
 /* Profile position and profile velocity (modes 1 and 3): the drive asks, the planner answers.
  *
- * _cia402.c knows what a set-point is and executes plans, _profile.c makes them; this room is the
- * only one that knows both. A set-point taken in a period is planned at its end, from the demand's
- * own velocity and acceleration, and begins with the next.
- * Never here: words, states, the shape of a plan.
+ * A set-point becomes a request; sj_drive_cycle_planned() has it planned at the end of its period,
+ * from the demand's own velocity and acceleration, and the next period begins to execute the plan.
+ * That function is the only place that knows both the drive and the planner (_profile.c).
+ * Never here: how a plan is found.
  */
 #include <stddef.h> /* required by the contract */
 #include <stdint.h> /* the contract's integer types */
-#include "_kernel.h"
+#include "_drive.h" /* what the rooms of the drive share */
+
+void sj_profile_drop(sj_drive *drive)
+{
+    drive->plan_phase = -1;
+    drive->demand_acceleration = 0.0;
+    drive->request.kind = SJ_REQUEST_NONE;
+}
+
+/* What is wanted from where the demand will be at the end of this period. */
+static void ask(sj_drive *drive)
+{
+    const sj_drive_config *config = &drive->config;
+    const double increments = (double)drive->ratio_increments / (double)drive->ratio_units;
+    const double period = config->period_s;
+    const double most = (double)drive->jump_limit / config->jump_factor * increments;
+    const double wanted = config->profile_velocity * increments * period;
+    const double scale = increments * period * period;
+    const uint32_t up = config->profile_acceleration < config->max_acceleration
+                            ? config->profile_acceleration
+                            : config->max_acceleration;
+    const double jerk = config->profile_jerk_rev_s3 * config->encoder_increments /
+                        config->encoder_revolutions * period * period * period;
+    sj_drive_request *request = &drive->request;
+
+    request->velocity = drive->demand_velocity;
+    request->acceleration = drive->demand_acceleration;
+    request->limits = (sj_limits){
+        .velocity = drive->goal_set == SJ_POSITION_GOAL && wanted < most ? wanted : most,
+        .acceleration = up * scale,
+        .jerk = jerk,
+        .deceleration = config->profile_deceleration * scale,
+        .deceleration_jerk = jerk,
+    };
+    if (drive->goal_set == SJ_POSITION_GOAL) {
+        const int64_t way = sj_point_difference(drive, drive->goal_units, drive->demand.units);
+        request->kind = SJ_REQUEST_MOVE;
+        request->distance = (double)way * increments - drive->demand_fraction;
+    } else {
+        const double goal = drive->goal_velocity;
+        request->kind = SJ_REQUEST_VELOCITY;
+        request->goal = goal > most ? most : goal < -most ? -most : goal;
+    }
+}
+
+static void answer(sj_drive *drive, const sj_plan *plan)
+{
+    drive->request.kind = SJ_REQUEST_NONE;
+    if (plan == NULL) {
+        drive->goal_set = 0; /* an impossible profile: the axis slows down where it is */
+        drive->plan_phase = -1;
+        drive->warning = 1;
+        return;
+    }
+    drive->plan = *plan;
+    drive->plan_phase = 0;
+    drive->plan_left = plan->count > 0 ? plan->phase[0].cycles : 0;
+}
+
+/* One period of the plan; at its end a move lands on its goal to the unit. */
+static void execute(sj_drive *drive, sj_servo_command *command)
+{
+    const sj_plan *plan = &drive->plan;
+    double velocity = drive->demand_velocity;
+    double acceleration = drive->demand_acceleration;
+    double jerk = 0.0;
+    double advance = 0.0;
+
+    while (drive->plan_phase < plan->count && drive->plan_left == 0) {
+        drive->plan_phase++;
+        drive->plan_left =
+            drive->plan_phase < plan->count ? plan->phase[drive->plan_phase].cycles : 0;
+    }
+    if (drive->plan_phase >= plan->count) {
+        const int64_t way = sj_point_difference(drive, drive->goal_units, drive->demand.units);
+        sj_profile_drop(drive);
+        if (drive->goal_set == SJ_POSITION_GOAL) {
+            /* what rounding of the sums has left, a fraction of a unit */
+            advance = (double)way * (double)drive->ratio_increments / (double)drive->ratio_units -
+                      drive->demand_fraction;
+            sj_motion_ramp(drive, command, advance, 0.0);
+            (void)sj_point_move_units(drive, &drive->demand,
+                             sj_point_difference(drive, drive->goal_units, drive->demand.units));
+            drive->demand_fraction = 0.0;
+        } else {
+            sj_motion_ramp(drive, command, drive->goal_velocity, drive->goal_velocity);
+        }
+        return;
+    }
+    jerk = plan->phase[drive->plan_phase].jerk;
+    drive->plan_left--;
+    advance = velocity + 0.5 * acceleration + jerk / 6.0;
+    velocity += acceleration + 0.5 * jerk;
+    drive->demand_acceleration = acceleration + jerk;
+    sj_motion_ramp(drive, command, advance, velocity);
+}
+
+/* A limit switch in the way of the demand. */
+static int blocked(sj_drive *drive)
+{
+    const uint32_t inputs = sj_drive_digital_inputs(drive);
+    const int in_the_way = (inputs & 1u && drive->demand_velocity < 0.0) ||
+                           (inputs & 2u && drive->demand_velocity > 0.0);
+    drive->limited |= in_the_way;
+    return in_the_way;
+}
+
+static int64_t set_point_units(sj_drive *drive, const sj_drive_rx *rx)
+{
+    const int64_t base =
+        drive->goal_set == SJ_POSITION_GOAL ? drive->goal_units : drive->demand.units;
+    int64_t target = (int64_t)rx->target_position;
+
+    if (drive->controlword & SJ_CW_MODE_6) { /* relative to the set-point before */
+        target += turned(drive, base, SJ_POLARITY_POSITION);
+    }
+    target = sj_motion_software_limited(drive, sj_point_wrap(drive, target));
+    return sj_point_wrap(drive, turned(drive, target, SJ_POLARITY_POSITION));
+}
+
+/* Mode 1: bit 4 offers a set-point, bit 12 takes it; bit 5 at once or after the one at hand. */
+void sj_profile_position(sj_drive *drive, const sj_drive_rx *rx, sj_servo_command *command)
+{
+    const uint16_t word = drive->controlword;
+    const int offered = (word & ~drive->controlword_before & SJ_CW_MODE_4) != 0;
+    const int busy = drive->plan_phase >= 0 || drive->request.kind != SJ_REQUEST_NONE;
+    int fresh = 0;
+
+    if (!(word & SJ_CW_MODE_4)) {
+        drive->acknowledged = drive->goal_waits; /* room for another set-point, or not */
+    } else if (offered && !drive->goal_waits) {
+        drive->acknowledged = 1;
+        if (busy && !(word & SJ_CW_MODE_5)) {
+            drive->waiting_units = set_point_units(drive, rx);
+            drive->goal_waits = 1;
+        } else {
+            drive->goal_units = set_point_units(drive, rx);
+            drive->goal_set = SJ_POSITION_GOAL;
+            fresh = 1;
+        }
+    }
+    if (blocked(drive)) {
+        sj_profile_drop(drive);
+        drive->goal_set = 0;
+        drive->goal_waits = 0;
+        sj_motion_stop(drive, command, 2);
+        return;
+    }
+    if (drive->plan_phase >= 0) {
+        execute(drive, command);
+    } else {
+        sj_motion_stop(drive, command, 1);
+    }
+    if (drive->plan_phase < 0 && drive->goal_waits && drive->demand_velocity == 0.0) {
+        drive->goal_units = drive->waiting_units;
+        drive->goal_set = SJ_POSITION_GOAL;
+        drive->goal_waits = 0;
+        fresh = 1;
+    }
+    if (fresh) {
+        ask(drive);
+    }
+}
+
+/* Mode 3: 60FFh is the velocity to go to; a new value is planned from where the old plan is. */
+void sj_profile_velocity(sj_drive *drive, const sj_drive_rx *rx, sj_servo_command *command)
+{
+    const double goal =
+        (double)turned(drive, (int64_t)rx->target_velocity + rx->velocity_offset,
+                       SJ_POLARITY_VELOCITY) *
+        drive->config.period_s * (double)drive->ratio_increments / (double)drive->ratio_units;
+    const double bound = (double)drive->jump_limit / drive->config.jump_factor *
+                         ((double)drive->ratio_increments / (double)drive->ratio_units);
+    const double held = goal > bound ? bound : goal < -bound ? -bound : goal;
+    const int fresh = drive->goal_set != SJ_VELOCITY_GOAL || held != drive->goal_velocity;
+
+    command->velocity_offset_rad_s = 0.0;
+    drive->limited |= held != goal;
+    if (blocked(drive)) {
+        sj_profile_drop(drive);
+        drive->goal_set = 0;
+        sj_motion_stop(drive, command, 2);
+        return;
+    }
+    drive->goal_velocity = held;
+    drive->goal_set = SJ_VELOCITY_GOAL;
+    if (drive->plan_phase >= 0) {
+        execute(drive, command);
+    } else {
+        sj_motion_ramp(drive, command, drive->demand_velocity, drive->demand_velocity);
+    }
+    if (fresh) {
+        ask(drive);
+    }
+}
+
+uint16_t sj_profile_bits(sj_drive *drive)
+{
+    const int done = drive->plan_phase < 0 && drive->request.kind == SJ_REQUEST_NONE &&
+                     !drive->goal_waits;
+    const int64_t error = sj_point_difference(drive, drive->goal_units, drive->actual.units);
+    const int64_t window = drive->config.position_window;
+    uint16_t word = drive->following_error ? SJ_SW_FOLLOWING_ERROR : 0;
+
+    if (drive->mode == SJ_MODE_PROFILE_VELOCITY) {
+        const double goal = drive->goal_velocity / per_period(drive);
+        const double off = goal - drive->servo.measured_rad_s;
+        const double near = SJ_STANDSTILL * drive->config.max_speed_rpm * SJ_RPM;
+        word |= drive->goal_set == SJ_VELOCITY_GOAL && done && off < near && off > -near
+                    ? SJ_SW_TARGET_REACHED : 0;
+        word |= drive->standing ? SJ_SW_FOLLOWS : 0; /* bit 12: speed is 0 */
+        return word;
+    }
+    word |= drive->acknowledged ? SJ_SW_FOLLOWS : 0;
+    if (drive->goal_set == SJ_POSITION_GOAL && done && error <= window && error >= -window) {
+        word |= SJ_SW_TARGET_REACHED;
+    }
+    return word;
+}
 
 void sj_drive_cycle_planned(sj_drive *drive, const sj_drive_rx *rx, sj_drive_tx *tx)
 {
@@ -28,5 +246,5 @@ void sj_drive_cycle_planned(sj_drive *drive, const sj_drive_rx *rx, sj_drive_tx 
     default:
         return;
     }
-    sj_drive_answer(drive, status == SJ_PLAN_OK ? &plan : NULL);
+    answer(drive, status == SJ_PLAN_OK ? &plan : NULL);
 }

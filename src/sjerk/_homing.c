@@ -6,7 +6,7 @@
  */
 #include <stdint.h> /* the contract's integer types */
 #include <stddef.h> /* required by the contract */
-#include "_kernel.h"
+#include "_drive.h" /* what the rooms of the drive share */
 
 static double in_increments(const sj_drive *drive, uint32_t units)
 {
@@ -29,7 +29,7 @@ static int64_t turn(const sj_drive *drive)
 
 static void found(sj_drive *drive, int64_t home)
 {
-    sj_drive_set_home(drive, home);
+    sj_point_set_home(drive, home);
     drive->homed = 1;
     drive->homing = SJ_HOMING_STOPPING;
 }
@@ -134,7 +134,7 @@ void sj_homing_period(sj_drive *drive, sj_servo_command *command)
     } else if (drive->homing == SJ_HOMING_SEARCH || drive->homing == SJ_HOMING_BACK) {
         velocity = search(drive, inputs);
     }
-    sj_drive_ramp_to(drive, command, velocity, ramp > 1e-9 ? ramp : 1e-9);
+    sj_motion_ramp_to(drive, command, velocity, ramp > 1e-9 ? ramp : 1e-9);
     if (drive->homing == SJ_HOMING_STOPPING && velocity == 0.0 && drive->demand_velocity == 0.0) {
         drive->homing = SJ_HOMING_IDLE;
     }

@@ -562,8 +562,6 @@ void sj_drive_config_default(sj_drive_config *config);          /* SGM7J-04A at 
  * end there do not fit each other. */
 int32_t sj_drive_config_check(const sj_drive_config *config);
 const char *sj_drive_config_field(int32_t field, double *low, double *high);
-/* pu = increments * *units / *increments, reduced; 0 when a term exceeds 2^30. */
-int32_t sj_drive_ratio(const sj_drive_config *config, int64_t *units, int64_t *increments);
 
 int32_t sj_drive_init(sj_drive *drive, const sj_drive_config *config);      /* as the check */
 int32_t sj_drive_configure(sj_drive *drive, const sj_drive_config *config); /* keeps the motion */
@@ -571,7 +569,6 @@ void sj_drive_rescale(sj_drive *drive);      /* positions in pu anew from the en
 void sj_drive_cycle(sj_drive *drive, const sj_drive_rx *rx, sj_drive_tx *tx);
 /* The same with modes 1 and 3: what the drive asks for is planned at the period's end. */
 void sj_drive_cycle_planned(sj_drive *drive, const sj_drive_rx *rx, sj_drive_tx *tx);
-void sj_drive_answer(sj_drive *drive, const sj_plan *plan);     /* NULL: there is none */
 void sj_drive_cycle_many(sj_drive *drives, const sj_drive_rx *rx, sj_drive_tx *tx, int32_t count);
 void sj_drive_inject(sj_drive *drive, int32_t fault, int32_t present);
 uint16_t sj_drive_fault_code(int32_t fault);                    /* 603Fh of a named fault */
@@ -580,19 +577,6 @@ uint16_t sj_drive_fault_code(int32_t fault);                    /* 603Fh of a na
 int32_t sj_drive_next(int32_t state, const sj_drive_input *input, uint32_t *transitions);
 uint16_t sj_drive_state_bits(int32_t state);                    /* statusword bits 0-3, 5, 6 */
 
-void sj_servo_prepare(sj_servo_constants *constants, const sj_drive_config *config);
-void sj_servo_period(sj_servo *servo, const sj_servo_constants *constants,
-                     const sj_servo_command *command);
-
-/* One period of demand: velocity towards a goal, increments per period and per period^2. */
-void sj_drive_ramp_to(sj_drive *drive, sj_servo_command *command, double goal, double acceleration);
-
-void sj_drive_set_home(sj_drive *drive, int64_t increments);    /* these become 607Ch */
-uint32_t sj_drive_digital_inputs(const sj_drive *drive);        /* 60FDh */
-
-void sj_homing_period(sj_drive *drive, sj_servo_command *command);
-uint16_t sj_homing_bits(const sj_drive *drive);                 /* statusword bits 10, 12, 13 */
-
 /* The master's side of the words. */
 uint16_t sj_master_controlword(uint16_t statusword, int32_t enable, int32_t reset);
 int32_t sj_master_enabled(uint16_t statusword);                 /* OPERATION ENABLED */
@@ -600,8 +584,6 @@ int32_t sj_master_follows(uint16_t statusword);                 /* enabled and f
 int32_t sj_master_fault(uint16_t statusword);                   /* FAULT or its reaction */
 
 void sj_verdict_clear(sj_drive_verdict *verdict);
-void sj_verdict_pause(sj_drive_verdict *verdict);               /* the stream is interrupted */
-void sj_verdict_judge(sj_drive *drive, int64_t step);           /* one target followed, pu */
 
 /* ---- wiring: interpolator and kernel cycle (_kernel.c) --------------------------------------- */
 

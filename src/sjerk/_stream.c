@@ -8,7 +8,7 @@
  */
 #include <stdint.h> /* the contract's integer types */
 #include <stddef.h> /* required by the contract */
-#include "_kernel.h"
+#include "_drive.h" /* what the rooms of the drive share */
 
 static double magnitude(double value)
 {
@@ -70,7 +70,7 @@ void sj_verdict_judge(sj_drive *drive, int64_t raw_step)
     const double acceleration = certain(change, 2.0) * to_acceleration;
     const double jerk = certain(bend, 4.0) * to_jerk;
     double acceleration_max = drive->constants.inertia_inverse * config->peak_torque_nm *
-                              (1.0 / 6.283185307179586476925286766559);
+                              (1.0 / SJ_TWO_PI);
     const double object_max = (double)config->max_acceleration * revolution;
 
     if (config->stream_acceleration_rev_s2 > 0.0) {
