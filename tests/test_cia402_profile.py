@@ -216,3 +216,33 @@ def test_a_mode_change_into_a_profile_while_running_is_smooth() -> None:
         feedback = drive.cycle(0xF, mode=PP)
     assert feedback.position_demand == 30 * REV
     assert feedback.error_code == 0
+
+
+@pytest.mark.parametrize(("option", "base"), [(0, 2 * REV), (1, "demand"), (2, "actual")])
+def test_60f2_says_what_a_relative_set_point_counts_from(option: int, base: int | str) -> None:
+    """In the middle of a move: the target before, the demand, or the actual position."""
+    axis = Positioner(CONFIG.changed(positioning_option=option))
+    axis.go(2 * REV)
+    for _ in range(200):
+        before = axis.step()
+    from_ = {"demand": before.position_demand, "actual": before.position_actual}.get(
+        str(base), base
+    )
+    axis.step(0x70, REV)
+    axis.until_reached()
+    assert axis.feedback.position_demand == from_ + REV
+
+
+def test_the_velocity_window_and_threshold_have_their_times() -> None:
+    """606Dh for 606Eh before bit 10 rises, 606Fh for 6070h before bit 12 falls."""
+    seen = {}
+    for time_ms in (0, 50):
+        drive = Drive(CONFIG.changed(velocity_time_ms=time_ms, threshold_time_ms=time_ms))
+        drive.enable(mode=PV)
+        words = [drive.cycle(0xF, mode=PV, target_velocity=5 * REV).statusword for _ in range(600)]
+        seen[time_ms] = (
+            next(k for k, word in enumerate(words) if word & REACHED),
+            next(k for k, word in enumerate(words) if not word & ACK),
+        )
+    assert seen[50][0] - seen[0][0] >= 49
+    assert seen[50][1] - seen[0][1] == 50

@@ -480,3 +480,13 @@ def test_fields_that_do_not_fit_each_other_are_refused(changes: dict[str, float]
     """Each inside its own range, together impossible."""
     with pytest.raises(DriveConfigError, match="does not fit"):
         DriveConfig(**changes)  # type: ignore[arg-type]
+
+
+def test_an_output_closes_the_brake_by_hand() -> None:
+    """60FEh bit 0 counts only with its mask: the motor then works against the brake."""
+    for mask, held in ((0, False), (1, True)):
+        runner = Runner(speed=0.0, brake_torque_nm=3.0, following_window=0xFFFFFFFF)
+        runner.run(10)
+        runner.speed = 0.2
+        feedback = runner.run(200, digital_outputs=1, output_mask=mask)
+        assert (feedback.position_actual < REV // 1000) is held

@@ -117,3 +117,15 @@ def test_a_new_report_begins_empty() -> None:
     drive.clear_report()
     assert drive.report().samples == 0
     assert drive.report().clean
+
+
+def test_deceleration_has_its_own_limit() -> None:
+    """60C5h judges speeding up, 60C6h slowing down."""
+    stream = list(back_and_forth(1.5, 1e-3, 8.0, v=8.0, a=100.0, j=5000.0))
+    for changes, named in (
+        ({"max_acceleration": 120 * 16777216, "max_deceleration": 120 * 16777216}, False),
+        ({"max_acceleration": 80 * 16777216, "max_deceleration": 120 * 16777216}, True),
+        ({"max_acceleration": 120 * 16777216, "max_deceleration": 80 * 16777216}, True),
+    ):
+        report, _ = judge(stream, **changes)
+        assert (Finding.ACCELERATION in report.findings) is named

@@ -290,3 +290,13 @@ def test_an_entry_knows_where_it_is() -> None:
     with pytest.raises(SdoError) as caught:
         entry(0x607D, 3)
     assert caught.value.abort is Abort.NO_SUBINDEX
+
+
+def test_the_profile_jerk_has_a_fine_and_a_coarse_object() -> None:
+    """60A4h:1 in pu/s^3, 2100h:6 in rev/s^3: one value."""
+    device = Device()
+    assert device.read(0x60A4, 1) == 0xFFFFFFFF
+    device.write(0x60A4, 1, 100 * 16777216)
+    assert device.read(0x2100, 6) == 100.0
+    device.write(0x2100, 6, 50.0)
+    assert device.read(0x60A4, 1) == 50 * 16777216

@@ -434,6 +434,7 @@ void sj_drive_cycle(sj_drive *drive, const sj_drive_rx *rx, sj_drive_tx *tx)
         drive->goal_waits = 0;
     }
     move(drive, rx, &command);
+    command.brake |= (rx->digital_outputs & rx->output_mask & 1u) != 0;
     sj_servo_period(&drive->servo, &drive->constants, &command);
     sj_point_move_increments(drive, &drive->actual,
                              subtract_wrapping(drive->servo.encoder, before));

@@ -28,6 +28,9 @@ static void ask(sj_drive *drive)
     const uint32_t up = config->profile_acceleration < config->max_acceleration
                             ? config->profile_acceleration
                             : config->max_acceleration;
+    const uint32_t down = config->profile_deceleration < config->max_deceleration
+                              ? config->profile_deceleration
+                              : config->max_deceleration;
     const double jerk = config->profile_jerk_rev_s3 * config->encoder_increments /
                         config->encoder_revolutions * period * period * period;
     sj_drive_request *request = &drive->request;
@@ -38,7 +41,7 @@ static void ask(sj_drive *drive)
         .velocity = drive->goal_set == SJ_POSITION_GOAL && wanted < most ? wanted : most,
         .acceleration = up * scale,
         .jerk = jerk,
-        .deceleration = config->profile_deceleration * scale,
+        .deceleration = down * scale,
         .deceleration_jerk = jerk,
     };
     if (drive->goal_set == SJ_POSITION_GOAL) {
@@ -116,11 +119,13 @@ static int blocked(sj_drive *drive)
 
 static int64_t set_point_units(sj_drive *drive, const sj_drive_rx *rx)
 {
-    const int64_t base =
+    const int64_t before =
         drive->goal_set == SJ_POSITION_GOAL ? drive->goal_units : drive->demand.units;
+    const int64_t bases[] = {before, drive->demand.units, drive->actual.units}; /* 60F2h */
+    const int64_t base = bases[drive->config.positioning_option];
     int64_t target = (int64_t)rx->target_position;
 
-    if (drive->controlword & SJ_CW_MODE_6) { /* relative to the set-point before */
+    if (drive->controlword & SJ_CW_MODE_6) {
         target += turned(drive, base, SJ_POLARITY_POSITION);
     }
     target = sj_motion_software_limited(drive, sj_point_wrap(drive, target));
@@ -203,6 +208,37 @@ void sj_profile_velocity(sj_drive *drive, const sj_drive_rx *rx, sj_servo_comman
     }
 }
 
+/* Bit 10: within 606Dh of the target for 606Eh; bit 12: not above 606Fh for longer than 6070h. */
+static uint16_t velocity_bits(sj_drive *drive)
+{
+    const sj_drive_config *config = &drive->config;
+    const double units = (double)drive->ratio_units / (double)drive->ratio_increments;
+    const double actual = drive->servo.measured_rad_s * drive->constants.increments_per_rad * units;
+    const double off = actual - drive->goal_velocity / config->period_s * units;
+    const double window = config->velocity_window;
+    const double threshold = config->velocity_threshold;
+    const double period_ms = config->period_s * 1e3;
+
+    if (drive->goal_set == SJ_VELOCITY_GOAL && off <= window && off >= -window) {
+        drive->velocity_cycles += drive->velocity_cycles < UINT32_MAX;
+    } else {
+        drive->velocity_cycles = 0;
+    }
+    if (actual > threshold || actual < -threshold) {
+        drive->moving_cycles += drive->moving_cycles < UINT32_MAX;
+    } else {
+        drive->moving_cycles = 0;
+    }
+    return (uint16_t)((drive->velocity_cycles > 0 &&
+                               drive->velocity_cycles * period_ms >= config->velocity_time_ms
+                           ? SJ_SW_TARGET_REACHED
+                           : 0) |
+                      (drive->moving_cycles == 0 ||
+                               drive->moving_cycles * period_ms <= config->threshold_time_ms
+                           ? SJ_SW_FOLLOWS
+                           : 0));
+}
+
 uint16_t sj_profile_bits(sj_drive *drive)
 {
     const int done = drive->plan_phase < 0 && drive->request.kind == SJ_REQUEST_NONE &&
@@ -212,12 +248,7 @@ uint16_t sj_profile_bits(sj_drive *drive)
     uint16_t word = drive->following_error ? SJ_SW_FOLLOWING_ERROR : 0;
 
     if (drive->mode == SJ_MODE_PROFILE_VELOCITY) {
-        const double goal = drive->goal_velocity / per_period(drive);
-        const double off = goal - drive->servo.measured_rad_s;
-        const double near = SJ_STANDSTILL * drive->config.max_speed_rpm * SJ_RPM;
-        word |= drive->goal_set == SJ_VELOCITY_GOAL && done && off < near && off > -near
-                    ? SJ_SW_TARGET_REACHED : 0;
-        word |= drive->standing ? SJ_SW_FOLLOWS : 0; /* bit 12: speed is 0 */
+        word |= velocity_bits(drive);
         return word;
     }
     word |= drive->acknowledged ? SJ_SW_FOLLOWS : 0;

@@ -342,12 +342,17 @@ typedef struct {
     uint32_t following_time_ms;         /* 6066h */
     uint32_t position_window;           /* 6067h; FFFFFFFFh = off */
     uint32_t position_time_ms;          /* 6068h */
+    uint32_t velocity_window;           /* 606Dh, pu/s */
+    uint32_t velocity_time_ms;          /* 606Eh */
+    uint32_t velocity_threshold;        /* 606Fh, pu/s */
+    uint32_t threshold_time_ms;         /* 6070h */
     uint32_t max_profile_velocity;      /* 607Fh, pu/s */
     uint32_t profile_velocity;          /* 6081h, pu/s */
     uint32_t profile_acceleration;      /* 6083h, pu/s^2 */
     uint32_t profile_deceleration;      /* 6084h, pu/s^2 */
     uint32_t quick_stop_deceleration;   /* 6085h, pu/s^2 */
     uint32_t max_acceleration;          /* 60C5h, pu/s^2; FFFFFFFFh = off */
+    uint32_t max_deceleration;          /* 60C6h, pu/s^2; FFFFFFFFh = off */
     uint32_t max_torque;                /* 6072h, 0.1 % of rated */
     uint32_t torque_limit_positive;     /* 60E0h */
     uint32_t torque_limit_negative;     /* 60E1h */
@@ -358,6 +363,7 @@ typedef struct {
     int32_t fault_option;               /* 605Eh 0..4 */
     int32_t abort_option;               /* 6007h 0..3 */
     int32_t jump_option;                /* SJ_JUMP_... */
+    int32_t positioning_option;         /* 60F2h: relative to 0 the target, 1 demand, 2 actual */
     uint32_t sync_extrapolation;        /* missed SYNCs in a row bridged by the last velocity */
     uint32_t sync_error_limit;          /* 10F1h:2: +3 per missed, -1 per good; FFFFh = off */
     int32_t home_offset;                /* 607Ch */
@@ -377,6 +383,8 @@ typedef struct {                        /* what a period brings: the RxPDO */
     int32_t target_velocity;            /* 60FFh */
     int16_t target_torque;              /* 6071h */
     int16_t torque_offset;              /* 60B2h */
+    uint32_t digital_outputs;           /* 60FEh:1; bit 0 closes the brake */
+    uint32_t output_mask;               /* 60FEh:2; only these bits count */
 } sj_drive_rx;
 
 typedef struct {                        /* what the period gives: the TxPDO */
@@ -548,6 +556,8 @@ typedef struct {
     int32_t local;                      /* 1: the controlword is not obeyed */
     uint32_t following_cycles;          /* spent outside the following window */
     uint32_t window_cycles;             /* spent inside the position window */
+    uint32_t velocity_cycles;           /* spent inside the velocity window */
+    uint32_t moving_cycles;             /* spent above the velocity threshold */
     uint32_t stop_cycles;               /* since the end of a stop's ramp */
     uint16_t controlword;               /* the one that counts in this cycle */
     uint16_t controlword_before;

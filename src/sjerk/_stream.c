@@ -71,12 +71,14 @@ void sj_verdict_judge(sj_drive *drive, int64_t raw_step)
     const double jerk = certain(bend, 4.0) * to_jerk;
     double acceleration_max = drive->constants.inertia_inverse * config->peak_torque_nm *
                               (1.0 / SJ_TWO_PI);
-    const double object_max = (double)config->max_acceleration * revolution;
+    const int braking = change * verdict->last_step < 0.0;
+    const uint32_t object = braking ? config->max_deceleration : config->max_acceleration;
+    const double object_max = (double)object * revolution;
 
     if (config->stream_acceleration_rev_s2 > 0.0) {
         acceleration_max = config->stream_acceleration_rev_s2;
     }
-    if (config->max_acceleration != UINT32_MAX && object_max < acceleration_max) {
+    if (object != UINT32_MAX && object_max < acceleration_max) {
         acceleration_max = object_max;
     }
     verdict->samples++;

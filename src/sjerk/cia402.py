@@ -403,12 +403,17 @@ class DriveConfig:
     following_time_ms: int = 0
     position_window: int = 10
     position_time_ms: int = 0
+    velocity_window: int = 65535
+    velocity_time_ms: int = 0
+    velocity_threshold: int = 65535
+    threshold_time_ms: int = 0
     max_profile_velocity: int = 1677721600
     profile_velocity: int = 167772160
     profile_acceleration: int = 1677721600
     profile_deceleration: int = 1677721600
     quick_stop_deceleration: int = 4194304000
     max_acceleration: int = 0xFFFFFFFF
+    max_deceleration: int = 0xFFFFFFFF
     max_torque: int = 3500
     torque_limit_positive: int = 3500
     torque_limit_negative: int = 3500
@@ -419,6 +424,7 @@ class DriveConfig:
     fault_option: int = 2
     abort_option: int = 1
     jump_option: int = Jump.FAULT
+    positioning_option: int = 0
     sync_extrapolation: int = 3
     sync_error_limit: int = 12
     home_offset: int = 0
@@ -643,6 +649,8 @@ class Drive:
         torque_offset: int = 0,
         target_velocity: int = 0,
         target_torque: int = 0,
+        digital_outputs: int = 0,
+        output_mask: int = 0,
         sync_missed: bool = False,
     ) -> Feedback:
         """One SYNC period: words in, inner loops, words out.
@@ -660,6 +668,8 @@ class Drive:
         rx.torque_offset = torque_offset
         rx.target_velocity = target_velocity
         rx.target_torque = target_torque
+        rx.digital_outputs = digital_outputs
+        rx.output_mask = output_mask
         lib.sj_drive_cycle_planned(self._c, rx, self._tx)
         tx = self._tx
         return Feedback(

@@ -136,7 +136,7 @@ class Device:
         if getattr(self.drive.config, field) == value:
             return
         try:
-            self.drive.configure(**{field: value if row.type.limits else float(value)})
+            self.drive.configure(**{field: value})
         except DriveConfigError as error:
             abort = Abort.RANGE
             if row.index in (0x607B, 0x607D):
@@ -242,6 +242,8 @@ class Device:
                 "target_velocity",
                 "target_torque",
                 "torque_offset",
+                "digital_outputs",
+                "output_mask",
             ),
             0,
         )
@@ -277,6 +279,8 @@ class Device:
         get[0x6076, 0] = lambda: round(1000 * self.drive.config.rated_torque_nm)
         get[0x6080, 0] = lambda: round(self.drive.config.max_speed_rpm)
         put[0x6080, 0] = lambda row, value: self._configure(row, "max_speed_rpm", value)
+        get[0x60A4, 1] = self._profile_jerk
+        put[0x60A4, 1] = self._set_profile_jerk
         get[0x607A, 0] = lambda: self._rx["target_position"]
         put[0x607A, 0] = self._set_target
         put[0x60C2, 1] = put[0x60C2, 2] = self._set_interval
@@ -309,6 +313,17 @@ class Device:
         if value not in Mode.__members__.values():
             raise SdoError(Abort.RANGE, row.index, row.sub)
         self._rx["mode"] = value
+
+    def _jerk_unit(self) -> float:
+        """Units of 60A4h in one revolution of the motor per s^3."""
+        config = self.drive.config
+        return config.feed / config.feed_shaft * config.gear_shaft / config.gear_motor
+
+    def _profile_jerk(self) -> int:
+        return min(round(self.drive.config.profile_jerk_rev_s3 * self._jerk_unit()), 0xFFFFFFFF)
+
+    def _set_profile_jerk(self, row: Entry, value: int) -> None:
+        self._configure(row, "profile_jerk_rev_s3", value / self._jerk_unit())
 
     def _set_target(self, row: Entry, value: int) -> None:
         self._rx["target_position"] = value

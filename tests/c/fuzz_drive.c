@@ -130,6 +130,8 @@ int main(int count, char **arguments)
         rx.target_velocity = below(3) ? (int32_t)below(1000000) : wild();
         rx.target_torque = (int16_t)(below(3) ? below(100) : (uint32_t)wild());
         rx.torque_offset = (int16_t)(below(20) ? 0 : wild());
+        rx.digital_outputs = below(100) == 0;
+        rx.output_mask = below(2);
         sj_drive_cycle_planned(&drive, &rx, &tx);
         promise(drive.state >= 0 && drive.state < 8, "no such state", k);
         promise(LEGAL[before][drive.state], "no such transition", k);
