@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 
+import pytest
 from hypothesis import HealthCheck, settings
 
 settings.register_profile(
@@ -18,3 +19,13 @@ settings.register_profile(
 )
 settings.register_profile("small", settings.get_profile("default"), max_examples=30)
 settings.load_profile(os.environ.get("SJERK_HYPOTHESIS", "default"))
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Bigger runs on demand."""
+    parser.addoption(
+        "--planner-states",
+        type=int,
+        default=3000,
+        help="random states per unit, kind and symmetry in the planner's long run",
+    )

@@ -22,9 +22,10 @@ static void integrate(sj_interpolator *ip, sj_exact j)
     a = exact_add(ip->a, exact_half(exact_add(j, ip->j)));
     /* Eq. (16): v[k] = v[k-1] + 0.5 (a[k] + a[k-1]) */
     v = exact_add(ip->v, exact_half(exact_add(a, ip->a)));
+    v = exact_add(v, ip->spread_v);
     /* Eq. (17): q[k] = q[k-1] + 0.5 (v[k] + v[k-1]) */
     q = exact_add(ip->q, exact_half(exact_add(v, ip->v)));
-    ip->q = exact_add(q, ip->spread);
+    ip->q = exact_add(q, ip->spread_q);
     ip->v = v;
     ip->a = a;
     ip->j = j;
@@ -61,9 +62,10 @@ void sj_lemma_sample(const sj_state *plan, double jerk, sj_state *sample)
 
 /* ---- loading a plan -------------------------------------------------------------------------- */
 
-/* How far the rounding of a plan may leave its end from the goal, relative to the path. A plan that
- * is further off was not made for this start. */
-static const double landing_tolerance = 1e-9;
+/* How far the rounding of a plan may leave its end from the goal, relative to the way it covers and,
+ * a thousandth of it, to the limits it was made under. A plan that is further off was not made for
+ * this start. */
+static const double landing_tolerance = 1e-9, of_limits = 1e-3;
 
 /* The acceleration at the end of a phase, as the planner meant it: zero where only rounding is left. */
 static double level_after(double level, const sj_phase *phase)
@@ -82,8 +84,13 @@ int32_t sj_interpolator_load(sj_interpolator *ip, const sj_plan *plan, double go
     sj_interpolator next = *ip;
     continuous at = lemma(ip->q, ip->v, ip->a, ip->j);
     sj_exact start = at.P;
-    double path = fabs(goal - start.hi), fastest = fmax(fabs(at.V.hi), fabs(goal_velocity));
+    double path = fabs(goal - start.hi);
+    double resolution = DBL_EPSILON * fmax(fabs(goal), fabs(start.hi)); /* of a goal so far out */
+    double fastest = fmax(fmax(fabs(at.V.hi), fabs(goal_velocity)), of_limits * plan->velocity);
+    double steepest = fmax(fabs(at.A.hi), of_limits * plan->acceleration);
     int64_t cycles = 0;
+    sj_exact missing_v;
+    double steps;
 
     if (plan->count < 0 || plan->count > SJ_PHASES)
         return SJ_LOAD_PHASES;
@@ -94,8 +101,9 @@ int32_t sj_interpolator_load(sj_interpolator *ip, const sj_plan *plan, double go
         if (phase->cycles < 1 || phase->cycles > SJ_CYCLES_MAX - cycles || !isfinite(phase->jerk))
             return SJ_LOAD_PHASES;
         end = level_after(at.A.hi, phase);
+        steepest = fmax(steepest, fabs(end));
         if (i == plan->count - 1) {
-            if (fabs(end) > landing_tolerance * fabs(n * phase->jerk))
+            if (fabs(end) > landing_tolerance * steepest)
                 return SJ_LOAD_MISSES;
             end = 0.0;
         }
@@ -115,16 +123,22 @@ int32_t sj_interpolator_load(sj_interpolator *ip, const sj_plan *plan, double go
     }
     if (cycles != plan->cycles)
         return SJ_LOAD_PHASES;
+    steps = (double)(cycles + 1);
 
-    next.spread = exact_of(0.0);
-    if (fabs(at.V.hi - goal_velocity) > landing_tolerance * fastest)
+    /* Lemma, point 2: the sample settles half a cycle of velocity after the plan's end. What is then
+     * missing of velocity and position is spread evenly over all cycles, N + 1. */
+    missing_v = exact_subtract(exact_of(goal_velocity), at.V);
+    if (!(fabs(missing_v.hi) <= landing_tolerance * fastest))
         return SJ_LOAD_MISSES;
+    next.spread_v = exact_divide(missing_v, steps);
+    next.spread_q = exact_of(0.0);
     if (!goal_free) {
-        /* Lemma, point 2: the sample settles half a cycle of goal_velocity after the plan's end. */
-        sj_exact missing = exact_subtract(lemma_end(goal, goal_velocity), at.P);
-        if (!(fabs(missing.hi) <= landing_tolerance * path))
+        sj_exact settled = exact_add(at.P, exact_half(at.V));
+        sj_exact missing = exact_subtract(exact_of(goal), settled);
+        missing = exact_subtract(missing, exact_half(exact_scale(missing_v, steps)));
+        if (!(fabs(missing.hi) <= landing_tolerance * (path + steps * fastest) + resolution))
             return SJ_LOAD_MISSES;
-        next.spread = exact_divide(missing, (double)(cycles + 1));
+        next.spread_q = exact_divide(missing, steps);
     }
     next.goal = goal;
     next.goal_velocity = goal_velocity;
@@ -144,7 +158,7 @@ static void settle(sj_interpolator *ip)
     if (!ip->goal_free)
         ip->q = exact_of(ip->goal);
     ip->v = exact_of(ip->goal_velocity);
-    ip->a = ip->j = ip->spread = exact_of(0.0);
+    ip->a = ip->j = ip->spread_v = ip->spread_q = exact_of(0.0);
 }
 
 static void count_cycles(sj_interpolator *ip, int64_t cycles)
@@ -191,14 +205,16 @@ static sj_exact cut(sj_exact x, int bits)
 
 /* n <= BLOCK cycles inside a leg, Eqs. (15)-(17) summed in closed form from the present sample:
  *   a[m] = a + m j,   v[m] = v + m a + m^2 j/2,   q[m] = q + m (v + j/12) + m^2 a/2 + m^3 j/6
+ * where what is spread over the cycles adds to a in v and q, and to v in q.
  * The products of the upper parts are exact (m: 8 bits), their sums carry their error along: each
  * q[m] is the nearest double of the exact sum, as from single steps. */
 WIDE static void fill_block(sj_interpolator *ip, double cycle_time_s, int64_t row, int n,
                             const sj_table *out)
 {
     sj_exact j12 = exact_divide(ip->j, 12.0);
-    sj_exact c1 = exact_add(exact_add(ip->v, j12), ip->spread);
-    sj_exact c2 = exact_half(ip->a), c3 = exact_add(j12, j12);
+    sj_exact c1 = exact_add(exact_add(ip->v, j12), ip->spread_q);
+    sj_exact growth = exact_add(ip->a, ip->spread_v);
+    sj_exact c2 = exact_half(growth), c3 = exact_add(j12, j12);
     sj_exact top1 = cut(c1, 44), top2 = cut(c2, 36), top3 = cut(c3, 28);
     const double q_hi = ip->q.hi, q_lo = ip->q.lo;
     const double t1 = top1.hi, t2 = top2.hi, t3 = top3.hi;
@@ -227,7 +243,7 @@ WIDE static void fill_block(sj_interpolator *ip, double cycle_time_s, int64_t ro
     ip->q = exact_add(ip->q, exact_scale(c1, m_n));
     ip->q = exact_add(ip->q, exact_multiply(c2, squared));
     ip->q = exact_add(ip->q, exact_multiply(c3, cubed));
-    ip->v = exact_add(ip->v, exact_scale(ip->a, m_n));
+    ip->v = exact_add(ip->v, exact_scale(growth, m_n));
     ip->v = exact_add(ip->v, exact_half(exact_multiply(ip->j, squared)));
     ip->a = exact_add(ip->a, exact_scale(ip->j, m_n));
     count_cycles(ip, n);
@@ -357,15 +373,18 @@ static continuous commanded(const sj_axis *ax)
     return lemma(ip->q, ip->v, ip->a, ip->j);
 }
 
-/* A jerk-limited way to rest; where it ends is open. */
+/* A jerk-limited way to rest; where it ends is open. A motion that comes to rest as soon by itself is
+ * left to do so. */
 static void stop_axis(sj_axis *ax)
 {
+    const sj_interpolator *ip = &ax->interpolator;
     continuous at = commanded(ax);
     sj_plan plan;
-    if (!moving(ax))
+    if (!moving(ax) || sj_plan_velocity(at.V.hi, at.A.hi, 0.0, &ax->limits, &plan) != SJ_PLAN_OK)
         return;
-    if (sj_plan_velocity(at.V.hi, at.A.hi, 0.0, &ax->limits, &plan) == SJ_PLAN_OK)
-        sj_interpolator_load(&ax->interpolator, &plan, 0.0, 0.0, 1);
+    if (ip->goal_velocity == 0.0 && ip->ahead <= plan.cycles + 1)
+        return;
+    sj_interpolator_load(&ax->interpolator, &plan, 0.0, 0.0, 1);
     ax->goal.moves = 0; /* given up: the same goal again is a new motion */
 }
 

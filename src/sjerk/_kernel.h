@@ -35,6 +35,7 @@ typedef struct {
     int64_t cycles;                     /* sum of the phases' cycles, N */
     int32_t count;                      /* phases used */
     int32_t kind;                       /* enum sj_plan_kind */
+    double velocity, acceleration;      /* limits it was made under, or 0: rounding is relative */
     sj_phase phase[SJ_PHASES];
 } sj_plan;
 
@@ -44,6 +45,10 @@ typedef struct {
 typedef struct {
     double velocity, acceleration, jerk, deceleration, deceleration_jerk;
 } sj_limits;
+
+/* The bound of the work of one plan: steps of any root, lengths tried in any search; and rounds of a
+ * synchronisation. No recursion beyond one level, no allocation. */
+enum { SJ_ROOT_STEPS = 40, SJ_LENGTH_STEPS = 6, SJ_SYNC_ROUNDS = 10 };
 
 enum sj_plan_status {
     SJ_PLAN_OK = 0,
@@ -71,11 +76,15 @@ int32_t sj_plan_velocity(double v0, double a0, double v1, const sj_limits *limit
 int32_t sj_plan_duration(double h, double v0, double a0, double v1, const sj_limits *limits,
                          int64_t cycles, sj_plan *plan);
 
-/* Requests between samples, for several axes and for many (_planning.c). */
 typedef struct {
     double distance, v0, a0, v1;        /* continuous, per cycle */
 } sj_request;
 
+/* n axes in the same and fewest cycles, at least `cycles`. */
+int32_t sj_plan_together(int32_t n, const sj_request *requests, const sj_limits *limits,
+                         int64_t cycles, sj_plan *plans);
+
+/* Requests between samples, for several axes and for many (_planning.c). */
 enum sj_synchronization {
     SJ_SYNC_NONE = 0,                   /* each axis as soon as it can */
     SJ_SYNC_TIME = 1,                   /* all axes arrive in the same cycle */
@@ -613,7 +622,7 @@ typedef struct {
 /* The bilinear integrator, Eqs. (15)-(17), in cycle units, and the legs ahead of it. */
 typedef struct {
     sj_exact q, v, a, j;                /* the sample of this cycle */
-    sj_exact spread;                    /* per cycle: what rounding the jerks to doubles costs */
+    sj_exact spread_v, spread_q;        /* per cycle: what rounding the plan to doubles costs */
     double goal, goal_velocity;         /* the settled end, cycle N + 1 */
     int64_t left;                       /* cycles left of the present leg */
     int64_t ahead;                      /* cycles until settled; 0 = settled */

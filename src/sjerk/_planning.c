@@ -68,39 +68,6 @@ static int32_t each_for_itself(int32_t n, const sj_request *request, const sj_li
     return SJ_PLAN_OK;
 }
 
-/* The shortest common length: each axis in turn lengthens it until all have a plan of it. Targets at
- * rest have one of every length, so only moving targets take more than one round. */
-static int32_t together(int32_t n, const sj_request *request, const sj_limits *limits,
-                        int64_t least_cycles, sj_plan *plans)
-{
-    enum { ROUNDS = 64 };
-    int64_t cycles = least_cycles;
-    int32_t status = each_for_itself(n, request, limits, 0, plans);
-    if (status != SJ_PLAN_OK)
-        return status;
-    for (int32_t i = 0; i < n; i++)
-        if (plans[i].cycles > cycles)
-            cycles = plans[i].cycles;
-    for (int32_t round = 0; round < ROUNDS; round++) {
-        int64_t longer = cycles;
-        for (int32_t i = 0; i < n; i++) {
-            const sj_request *r = &request[i];
-            if (plans[i].cycles == cycles)
-                continue;
-            status = sj_plan_duration(r->distance, r->v0, r->a0, r->v1, &limits[i], cycles,
-                                      &plans[i]);
-            if (status == SJ_PLAN_BLOCKED && plans[i].cycles > longer)
-                longer = plans[i].cycles;
-            else if (status != SJ_PLAN_OK)
-                return status;
-        }
-        if (longer == cycles)
-            return SJ_PLAN_OK;
-        cycles = longer;
-    }
-    return SJ_PLAN_BLOCKED;
-}
-
 /* Returns SJ_PLAN_...; *synchronization becomes what was done: phase falls back to time. */
 int32_t sj_plan_axes(int32_t n, const sj_request *request, const sj_limits *limits,
                      int64_t least_cycles, int32_t *synchronization, sj_plan *plans)
@@ -113,7 +80,7 @@ int32_t sj_plan_axes(int32_t n, const sj_request *request, const sj_limits *limi
     }
     if (*synchronization == SJ_SYNC_NONE || n == 1)
         return each_for_itself(n, request, limits, least_cycles, plans);
-    return together(n, request, limits, least_cycles, plans);
+    return sj_plan_together(n, request, limits, least_cycles, plans);
 }
 
 int32_t sj_plan_samples(int32_t n, double cycle_time_s, const sj_state *from, const sj_state *to,

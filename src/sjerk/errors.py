@@ -166,7 +166,10 @@ LARGEST = 1e60
 
 
 def real(field: str, value: object) -> float:
-    """Return ``value`` as a float; refuse what is not a finite real number of sane size."""
+    """Return ``value`` as a float; refuse what is not a finite real number of sane size.
+
+    Magnitudes below 1 / LARGEST count as zero.
+    """
     if isinstance(value, bool) or not isinstance(value, Real):
         raise InputError(field, value, "must be a real number")
     number = float(value)
@@ -174,7 +177,7 @@ def real(field: str, value: object) -> float:
         raise InputError(field, value, "must be finite")
     if abs(number) > LARGEST:
         raise InputError(field, value, f"must lie within {LARGEST:g} in magnitude")
-    return number
+    return number if abs(number) >= 1.0 / LARGEST else 0.0
 
 
 def positive(field: str, value: object) -> float:

@@ -32,6 +32,8 @@ _PLAN_DTYPE = np.dtype(
         ("cycles", np.int64),
         ("count", np.int32),
         ("kind", np.int32),
+        ("velocity", np.float64),
+        ("acceleration", np.float64),
         ("phase", [("cycles", np.int64), ("jerk", np.float64)], (lib.SJ_PHASES,)),
     ]
 )
@@ -309,57 +311,81 @@ def plan_velocity(
 
 
 def plan_many(
-    start: ArrayLike, target: ArrayLike, limits: Limits | Sequence[Limits], cycle_time: float
+    start: ArrayLike,
+    target: ArrayLike,
+    limits: Limits | Sequence[Limits] | NDArray[Any],
+    cycle_time: float,
 ) -> Plans:
     """Plan n independent axes at once, without a Python object per plan and without the GIL.
 
     ``start``: positions (n,), or rows (n, 1..3) of position, velocity, acceleration; ``target``:
-    positions (n,), or rows (n, 1..2) of position, velocity; ``limits``: one for all, or n.
-    Row i of the result is what ``plan`` would return. Raises InputError with the row.
+    positions (n,), or rows (n, 1..2) of position, velocity; ``limits``: one for all, one each, or
+    an array (n, 3) of velocity, acceleration, jerk or (n, 5) with those of braking. Row i
+    of the result is what ``plan`` would return. Raises InputError with the row.
 
     >>> plans = plan_many([0.0, 1.0], [160.0, 160.0], Limits(90.0, 500.0, 5000.0), 1e-3)
     >>> plans.cycles.tolist()
     [2058, 2047]
     """
     begin, end = _rows("start", start, 3), _rows("target", target, 2)
-    n = len(begin)
-    one = isinstance(limits, Limits)
-    several = [limits] if isinstance(limits, Limits) else list(limits)
-    if len(end) != n or (not one and len(several) != n):
-        lengths = (n, len(end), len(several))
-        raise InputError("start, target, limits", lengths, "must have the same number of rows")
-    for limit in several:
-        if limit.position is not None:
-            outside = (end[:, 0] < limit.position[0]) | (end[:, 0] > limit.position[1])
-            if one and np.any(outside):
-                row = int(np.argmax(outside))
-                raise InputError(f"target[{row}]", end[row, 0], f"must lie in {limit.position}")
-    if not one:
-        for i, limit in enumerate(several):
-            check_target(f"target[{i}]", State(float(end[i, 0])), limit)
-    raw = np.empty(n, dtype=_PLAN_DTYPE)
-    if one:
-        c_limits = several[0]._per_cycle(cycle_time)
+    T = positive("cycle_time", cycle_time)
+    n, step = len(begin), 1
+    if isinstance(limits, Limits):
+        _check_range(end, limits, slice(None))
+        c_limits, step = limits._per_cycle(T), 0
+        given = n
+    elif isinstance(limits, np.ndarray):
+        table = _limit_rows(limits) * np.array([T, T**2, T**3, T**2, T**3])
+        c_limits = ffi.cast("sj_limits *", ffi.from_buffer(table))
+        given = len(table)
     else:
-        c_limits = ffi.new("sj_limits[]", [limit._per_cycle(cycle_time)[0] for limit in several])
+        for i, limit in enumerate(limits):
+            _check_range(end, limit, slice(i, i + 1))
+        c_limits = ffi.new("sj_limits[]", [limit._per_cycle(T)[0] for limit in limits])
+        given = len(limits)
+    if len(end) != n or given != n:
+        raise InputError("start, target, limits", (n, len(end), given), "must be of one length")
+    raw = np.empty(n, dtype=_PLAN_DTYPE)
     failed = ffi.new("int64_t *")
     status = lib.sj_plan_rows(
         n,
-        cycle_time,
+        T,
         ffi.from_buffer("double[]", begin),
         begin.shape[1],
         ffi.from_buffer("double[]", end),
         end.shape[1],
         c_limits,
-        0 if one else 1,
+        step,
         ffi.cast("sj_plan *", ffi.from_buffer(raw)),
         failed,
     )
     if status != 0:
         row = int(failed[0])
         state = (begin[row].tolist(), end[row].tolist())
-        _fail(status, f"row {row}", state, several[0 if one else row])
-    return Plans(raw["cycles"], cycle_time, raw)
+        shown = limits if isinstance(limits, Limits) else limits[row]
+        _fail(status, f"row {row}", state, shown)
+    return Plans(raw["cycles"], T, raw)
+
+
+def _check_range(end: FloatArray, limits: Limits, rows: slice) -> None:
+    if limits.position is None:
+        return
+    low, high = limits.position
+    outside = (end[rows, 0] < low) | (end[rows, 0] > high)
+    if outside.any():
+        row = (rows.start or 0) + int(np.argmax(outside))
+        raise InputError(f"target[{row}].position", end[row, 0], f"must lie in {limits.position}")
+
+
+def _limit_rows(limits: NDArray[Any]) -> FloatArray:
+    rows = np.ascontiguousarray(limits, dtype=np.float64)
+    if rows.ndim != 2 or rows.shape[1] not in (3, 5):
+        raise InputError("limits", rows.shape, "must have shape (n, 3) or (n, 5)")
+    bad = ~(np.isfinite(rows) & (rows > 0.0)).all(axis=1)
+    if bad.any():
+        row = int(np.argmax(bad))
+        raise InputError(f"limits[{row}]", rows[row].tolist(), "must be finite, greater than 0")
+    return rows if rows.shape[1] == 5 else np.hstack([rows, rows[:, 1:3]])
 
 
 def _rows(name: str, value: ArrayLike, most: int) -> FloatArray:

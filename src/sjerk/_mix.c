@@ -1,0 +1,215 @@
+/* Plans of exactly n cycles by convexity.
+
+   For one jerk limit, a given start and length, the legal acceleration sequences are a convex set and the end is
+   linear in them. Of those that end at (v1, 0) one gets furthest up and one furthest down; if the target lies
+   between, their mix lands on it and keeps every limit, and if it does not, no plan of this length exists (up to
+   the velocity limit, which the extremes meet to within a cycle). The furthest is
+       a_k = max(min(a0 + J k, A, J (s - k)), -D, -J (n - k)),
+   s a real number found from the change of velocity; a cruise at the velocity limit parts the falling line in two.
+   With different jerks the larger is tried and checked, then the smaller used: it is legal everywhere.
+
+   Never here: anything but a given length; the search for one is mix_from alone. */
+#include "_plan.h"
+
+/* ---- extremes of a fixed length, and their mix ---- */
+
+/* Acceleration at node k of the path that gets furthest in n cycles: as high as possible, then as low as possible;
+   with a cruise between s (from the start) and r (cycles before the end). */
+static double extreme_at(const task *t, double jerk, double n, double s, double r, double k)
+{
+    double mid = k < s ? jerk * (s - k) : n - k < r ? -jerk * (r - (n - k)) : 0;
+    double x = least(least(t->a0 + jerk * k, t->au), mid);
+    return most(most(x, -t->ad), -jerk * (n - k));
+}
+static void extreme_path(const task *t, double j, double n, double s, double r, path *x)
+{
+    double kink[6], k[14], apex = 0.5 * (s - t->a0 / j);
+    int c = 0, m = 0;
+    if (t->a0 + j * apex > t->au) { kink[m++] = (t->au - t->a0) / j; kink[m++] = s - t->au / j; }
+    else kink[m++] = apex;
+    if (s + r < n) { kink[m++] = s; kink[m++] = n - r; }
+    if (j * r > 2 * t->ad) { kink[m++] = n - r + t->ad / j; kink[m++] = n - t->ad / j; }
+    else kink[m++] = n - 0.5 * r;
+    k[c++] = 0;
+    for (int i = 0; i < m; i++) {
+        double f = whole(kink[i]);
+        if (f > 0 && f < n) k[c++] = f;
+        if (f + 1 > 0 && f + 1 < n) k[c++] = f + 1;
+    }
+    k[c++] = n;
+    for (int i = 1; i < c; i++) {
+        double q = k[i];
+        int l = i;
+        for (; l > 0 && k[l - 1] > q; l--) k[l] = k[l - 1];
+        k[l] = q;
+    }
+    x->count = 0;
+    for (int i = 0; i < c; i++) {
+        if (x->count && k[i] <= x->k[x->count - 1]) continue;
+        double a = k[i] <= 0 ? t->a0 : k[i] >= n ? 0 : extreme_at(t, j, n, s, r, k[i]);
+        /* drop the node before this one when it lies on a straight line */
+        if (x->count >= 2) {
+            int e = x->count - 1;
+            double d1 = x->k[e] - x->k[e - 1], d2 = k[i] - x->k[e];
+            if (fabs((x->a[e] - x->a[e - 1]) * d2 - (a - x->a[e]) * d1) <= 1e-13 * j * d1 * d2) x->count--;
+        }
+        x->k[x->count] = k[i]; x->a[x->count] = a; x->count++;
+    }
+}
+
+/* Velocity change of the furthest path, the falling line crossing zero at s; slope is its change with s. */
+static double extreme_change(const task *t, double j, double n, double s, double *slope)
+{
+    double a0 = t->a0, apex = 0.5 * (s - a0 / j), xa = apex, xb = apex, foot = 0.5 * (n + s), ya = foot, yb = foot;
+    if (a0 + j * apex > t->au) { xa = (t->au - a0) / j; xb = s - t->au / j; }
+    if (j * (s - foot) < -t->ad) { ya = s + t->ad / j; yb = n - t->ad / j; }
+    double k1 = whole(xa), k2 = whole(xb), k3 = whole(ya), k4 = whole(yb);
+    *slope = j * (k3 - k2);
+    return a0 / 2 + k1 * (a0 + j * (k1 + 1) / 2) + t->au * (k2 - k1)
+         + (k3 - k2) * (j * (s - 0.5 * (k2 + 1 + k3))) - t->ad * (k4 - k3) - j * (n - k4 - 1) * (n - k4) / 2;
+}
+/* The same up to the zero crossing only, nodes beyond it at zero. */
+static double rise_change(double a0, double top, double j, double s, double *slope)
+{
+    double apex = 0.5 * (s - a0 / j), xa = apex, xb = apex;
+    if (a0 + j * apex > top) { xa = (top - a0) / j; xb = s - top / j; }
+    double k1 = whole(xa), k2 = whole(xb), k3 = whole(s);
+    *slope = j * (k3 - k2);
+    return a0 / 2 + k1 * (a0 + j * (k1 + 1) / 2) + top * (k2 - k1) + (k3 - k2) * (j * (s - 0.5 * (k2 + 1 + k3)));
+}
+/* s at which rise_change is dv; NaN if there is none above lo. */
+static double rise_length(double a0, double top, double j, double dv, double lo)
+{
+    double x = dv + a0 * fabs(a0) / (2 * j), slope, f = 0;
+    double hi = INFINITY, s = most(lo, ramp_time(most(0, x), top, j) - a0 / j);
+    if (!(s < LONGEST)) return NAN;
+    double tiny = 1e-16 * (fabs(dv) + j + fabs(a0) * (s + 1));
+    for (int i = 0; i < NEWTON_STEPS; i++) {
+        f = rise_change(a0, top, j, s, &slope) - dv;
+        if (fabs(f) <= 2 * tiny) return s;
+        if (f > 0) hi = s; else lo = s;
+        double next = slope > 0 ? s - f / slope : s + (f < 0 ? 0.5 : -0.5);
+        if (fabs(next - s) <= 4e-16 * (fabs(s) + 1)) break;
+        if (!(next >= lo && next <= hi)) {
+            if (hi <= lo) return NAN;
+            next = hi < INFINITY ? 0.5 * (lo + hi) : lo + 1;
+        }
+        s = next;
+    }
+    return fabs(f) <= 1e3 * tiny ? s : NAN;
+}
+
+/* The largest velocity that n cycles may see: what rounding is relative to. */
+static double velocity_scale(const task *t, double j, double n)
+{
+    double a = fabs(t->a0);
+    return least(2 * t->vmax, fabs(t->v0) + n * least(a + most(t->au, t->ad), a + j * n));
+}
+
+/* The legal path of n cycles to (v1, 0) that gets furthest up; 0 if there is none. */
+static int extreme(const task *t, double j, double n, path *x)
+{
+    double dv = t->v1 - t->v0, first = fabs(t->a0) / j, carry = t->v0 + t->a0 * first / 2;
+    if (n < first * (1 - SLACK) || fabs(carry) > t->vmax * (1 + SLACK)) return 0;
+    double reach = velocity_scale(t, j, n), tiny = 2e-16 * reach;
+    /* up to the velocity limit, cruise, and down at the last moment */
+    double top = most(t->vmax, carry);
+    double s = rise_length(t->a0, t->au, j, top - t->v0, first), r = rise_length(0, t->ad, j, top - t->v1, 0);
+    if (!(s + r <= n)) {
+        /* too short for that: the falling line goes through zero without a rest */
+        double lo = least(t->a0 / j, n), hi = n, slope, f = 0, next = s - 0.5 * (s + r - n);
+        s = next > lo && next < hi ? next : 0.5 * (lo + hi);
+        for (int i = 0; i < NEWTON_STEPS; i++) {
+            f = extreme_change(t, j, n, s, &slope) - dv;
+            if (fabs(f) <= 2 * tiny) break;
+            if (f > 0) hi = s; else lo = s;
+            next = slope > 0 ? s - f / slope : 0.5 * (lo + hi);
+            if (fabs(next - s) <= 4e-16 * n) break;
+            if (!(next >= lo && next <= hi)) next = 0.5 * (lo + hi);
+            s = next;
+        }
+        if (!(fabs(f) <= 1e-13 * reach)) return 0;
+        r = n - s;
+        if (s > -t->a0 / j && s > 0) {
+            double part = s - whole(s);
+            double peak = t->v0 + rise_change(t->a0, t->au, j, s, &slope) - 0.5 * j * part * (1 - part);
+            if (peak > t->vmax * (1 + SLACK)) return 0;
+        }
+    }
+    extreme_path(t, j, n, s, r, x);
+    return fabs(sj_path_change(x) - dv) <= 1e-13 * reach;
+}
+
+static double path_at(const path *x, int *i, double k)
+{
+    while (*i < x->count - 2 && x->k[*i + 1] < k) ++*i;
+    double n = x->k[*i + 1] - x->k[*i];
+    return x->a[*i] + (x->a[*i + 1] - x->a[*i]) * ((k - x->k[*i]) / n);
+}
+
+/* Rounding of a distance; in the last few cycles, which leave no freedom, also what a long plan left over. */
+static double mix_room(const task *t, double n, double p)
+{
+    return 2.5e-13 * (fabs(p) + fabs(t->h)) + (n <= 4 ? 3e-11 * (fabs(t->v0) + fabs(t->v1)) : 0);
+}
+
+/* Exactly n cycles: the convex mix of the two extremes (one jerk limit: the smaller). */
+static int mix_with(const task *t, double j, double n, double *nearest, sj_plan *p)
+{
+    if (!(n >= 1 && n < 67108864.0)) return 0;
+    path x, y, z;
+    double px = 0, py = 0;
+    /* where the last length fell short of being low enough, look at the low one first */
+    int low_first = *nearest > -INFINITY;
+    for (int i = 0; i < 2; i++) {
+        if ((i == 0) == low_first) {
+            task o = mirrored(t);
+            if (!extreme(&o, j, n, &x)) return 0;
+            for (int k = 0; k < x.count; k++) x.a[k] = -x.a[k];
+            px = sj_path_distance(&x, t->v0);
+            if (px > t->h + mix_room(t, n, px)) { *nearest = px; return 0; }
+        } else {
+            if (!extreme(t, j, n, &y)) return 0;
+            py = sj_path_distance(&y, t->v0);
+            if (py < t->h - mix_room(t, n, py)) return 0;
+        }
+    }
+    z.count = 0;
+    int ix = 0, iy = 0, gx = 0, gy = 0;
+    double lambda = py > px ? most(0, least(1, (t->h - px) / (py - px))) : 0;
+    while (ix < x.count || iy < y.count) {
+        double k = ix < x.count ? x.k[ix] : n;
+        if (iy < y.count) k = least(k, y.k[iy]);
+        double ax = path_at(&x, &gx, k), ay = path_at(&y, &gy, k);
+        if (z.count < NODES) sj_node(&z, k, k <= 0 ? t->a0 : k >= n ? 0 : ax + lambda * (ay - ax));
+        while (ix < x.count && x.k[ix] <= k) ix++;
+        while (iy < y.count && y.k[iy] <= k) iy++;
+    }
+    for (int i = 0; i < z.count; i++)
+        if (j > (z.a[i] > 0 ? t->ju : t->jd) || (i > 0 && z.a[i] * z.a[i - 1] < 0 && j > least(t->ju, t->jd))) return 0;
+    if (p->count + z.count > SJ_PHASES) return 0;
+    sj_path_put(p, &z, t);
+    p->kind = SJ_PLAN_MIX;
+    return 1;
+}
+
+/* The larger jerk first: it serves where the acceleration keeps its sign. */
+int sj_mix(const task *t, double n, double *nearest, sj_plan *p)
+{
+    if (t->ju != t->jd && mix_with(t, t->a0 > 0 || t->ju > t->jd ? most(t->ju, t->jd) : t->jd, n, nearest, p)) return 1;
+    return mix_with(t, least(t->ju, t->jd), n, nearest, p);
+}
+
+/* The first length from n on that can be mixed, below `longest`; gives up where waiting longer only leads away. */
+int sj_mix_from(const task *t, double *n, double longest, sj_plan *p)
+{
+    double last = INFINITY;
+    for (int i = 0; i < LENGTH_STEPS && *n < longest; i++, *n += 1) {
+        double nearest = last < INFINITY ? last : -INFINITY, before = nearest;
+        if (sj_mix(t, *n, &nearest, p)) return 1;
+        if (nearest > last) return 0;
+        if (nearest != before) last = nearest;
+    }
+    return 0;
+}
+

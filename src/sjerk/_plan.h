@@ -1,0 +1,76 @@
+/* What the planner's files share: the task in its frame, whole cycles, plans under construction, node
+   paths. Not part of the contract of the rooms (_kernel.h); never read by cffi. */
+#ifndef SJ_PLAN_INTERNAL_H
+#define SJ_PLAN_INTERNAL_H
+#include <math.h>       /* sqrt, cbrt, fma, fabs */
+#include <stddef.h>
+#include <stdint.h>     /* int64_t cycles */
+#include "_kernel.h"
+
+static const double SLACK = 1e-10;      /* relative room for rounding in counts and levels; a tenth of what is promised */
+enum { NEWTON_STEPS = SJ_ROOT_STEPS, LENGTH_STEPS = SJ_LENGTH_STEPS, SYNC_ROUNDS = SJ_SYNC_ROUNDS, NODES = 40 };
+static const double LONGEST = SJ_CYCLES_MAX;
+
+/* A planning task with its limits turned so that "up" is the direction in which the move is pushed. */
+typedef struct {
+    double h, v0, a0, v1;
+    double vmax;
+    double au, ju;      /* acceleration upward and the jerk while it points upward */
+    double ad, jd;      /* the same downward */
+    double sign;        /* +1 or -1: how "up" lies in axis coordinates */
+    double first;       /* acceleration at the start of the whole plan */
+} task;
+
+static inline task mirrored(const task *t)
+{
+    return (task){-t->h, -t->v0, -t->a0, -t->v1, t->vmax, t->ad, t->jd, t->au, t->ju, -t->sign, -t->first};
+}
+
+static inline double up(double x)      /* whole cycles for x, rounding noise forgiven */
+{
+    x -= SLACK * (1.0 + fabs(x));
+    if (!(fabs(x) < 4e18)) return x;
+    double n = (double)(int64_t)x;
+    return n < x ? n + 1.0 : n;
+}
+static inline double down(double x)
+{
+    x += SLACK * (1.0 + fabs(x));
+    if (!(fabs(x) < 4e18)) return x;
+    double n = (double)(int64_t)x;
+    return n > x ? n - 1.0 : n;
+}
+/* floor() for numbers of cycles, without a call */
+static inline double whole(double x)
+{
+    double n = (double)(int64_t)x;
+    return n > x ? n - 1.0 : n;
+}
+static inline double least(double a, double b) { return a < b ? a : b; }
+static inline double most(double a, double b) { return a > b ? a : b; }
+
+/* Acceleration at whole cycles k, straight between: each piece is a phase. */
+typedef struct { int count; double k[NODES], a[NODES]; } path;
+
+/* Time of a change of velocity x >= 0 between states without acceleration. */
+static inline double ramp_time(double x, double amax, double jerk)
+{
+    return x * jerk >= amax * amax ? x / amax + amax / jerk : 2 * sqrt(x / jerk);
+}
+
+/* _ramp.c */
+void sj_begin(sj_plan *p);
+void sj_put(sj_plan *p, double n, double jerk);
+void sj_put_cruise(sj_plan *p, const task *t, double n);
+task sj_resume(const task *start, const sj_plan *p);
+double sj_path_change(const path *x);
+double sj_path_distance(const path *x, double v);
+void sj_path_put(sj_plan *p, const path *x, const task *t);
+void sj_node(path *x, double k, double a);
+int sj_ramp(double v0, double a0, double dv, double vmax, double au, double ad, double j, path *x);
+
+/* _mix.c */
+int sj_mix(const task *t, double n, double *nearest, sj_plan *p);
+int sj_mix_from(const task *t, double *n, double longest, sj_plan *p);
+
+#endif
