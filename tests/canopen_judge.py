@@ -234,10 +234,15 @@ def c10_homing_succeeds_and_moves(bench: Bench) -> None:
     bench.node.sdo[0x607C].raw = 777
     before = bench.node.sdo[0x6063].raw
     assert bench.node.homing(timeout=20)
-    after = bench.node.sdo[0x6063].raw
-    assert after - before > 1000
-    # home is the pulse of a whole turn and became 607Ch
-    assert abs((after - bench.node.sdo[0x6064].raw + 777) % REV) <= 1
+    assert bench.node.sdo[0x6063].raw - before > 1000
+
+    def home_is_the_pulse() -> bool:
+        """Home, a whole turn, became 607Ch; three SDOs that saw the same settling axis."""
+        internal = bench.node.sdo[0x6063].raw
+        actual = bench.node.sdo[0x6064].raw
+        return bench.node.sdo[0x6063].raw == internal and (internal - actual + 777) % REV == 0
+
+    bench.wait(home_is_the_pulse)
 
 
 def c11_is_homed_tells_whether_a_reference_exists(bench: Bench) -> None:
