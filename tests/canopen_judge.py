@@ -7,7 +7,9 @@ prints one JSON object of outcomes: `python canopen_judge.py PDO|SDO`.
 
 from __future__ import annotations
 
+import io
 import json
+import logging
 import os
 import subprocess
 import sys
@@ -30,7 +32,7 @@ CSP = "CYCLIC SYNCHRONOUS POSITION"
 
 
 class Bench:
-    """A master that sends its receive PDO and then SYNC every 2 ms, from a thread."""
+    """A master that sends its receive PDO and then SYNC every 2 ms or slower, from a thread."""
 
     def __init__(self, interface: str, channel: str, sheet: Path, *, by_pdo: bool) -> None:
         self.by_pdo = by_pdo
@@ -43,7 +45,7 @@ class Bench:
         self.words: list[int] = []
         self.states: list[str] = []
         self.targets: list[int] = []
-        self.paused = False
+        self._answered = threading.Event()
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
 
@@ -53,6 +55,7 @@ class Bench:
         self.node.nmt.add_heartbeat_callback(lambda state: state == 0 and booted.set())
         self.node.nmt.state = "RESET"
         assert booted.wait(5), "no boot-up"
+        self.wait(lambda: self.node.nmt.state == "PRE-OPERATIONAL")
 
     def start(self, option: int = 6) -> None:
         """Set up as a user does: option codes by SDO, PDOs read, SYNC on, Operational."""
@@ -67,11 +70,15 @@ class Bench:
         if self.by_pdo:
             self.node.tpdo[1].add_callback(self._see)
             self.node.rpdo[1]["Target position"].raw = self.node.sdo[0x6064].raw
+            # multicast echoes the master's own frames: they must not undo what was set since
+            rpdo = self.node.rpdo[1]
+            self.network.unsubscribe(rpdo.cob_id, rpdo.on_message)
             self._thread = threading.Thread(target=self._cycle, daemon=True)
             self._thread.start()
             assert self.node.tpdo[1].wait_for_reception(2) is not None
 
     def _see(self, frame: canopen.pdo.base.PdoMap) -> None:
+        self._answered.set()
         self.words.append(frame["Statusword"].raw)
         state = self.node.state
         if not self.states or self.states[-1] != state:
@@ -81,11 +88,13 @@ class Bench:
         rpdo = self.node.rpdo[1]
         due = time.monotonic()
         while not self._stop.is_set():
-            if not self.paused:
-                if self.targets:
-                    rpdo["Target position"].raw = self.targets.pop(0)
-                rpdo.transmit()
-                self.network.sync.transmit()
+            if self.targets:
+                rpdo["Target position"].raw = self.targets.pop(0)
+            self._answered.clear()
+            rpdo.transmit()
+            self.network.sync.transmit()
+            # never ahead of the answers: on a busy machine both queues would only grow
+            self._answered.wait(0.1)
             due = max(due + PERIOD, time.monotonic())
             time.sleep(max(0.0, due - time.monotonic()))
 
@@ -328,6 +337,8 @@ def main(path: str) -> None:
     command = [sys.executable, "-m", "sjerk", "drive", *bus, "--node", str(NODE)]
     drive = subprocess.Popen([*command, "--eds", str(sheet)], stdout=subprocess.PIPE, text=True)
     outcomes = {}
+    said = io.StringIO()
+    logging.basicConfig(stream=said, level=logging.INFO)
     try:
         assert drive.stdout is not None
         assert "is ready" in drive.stdout.readline()
@@ -337,7 +348,7 @@ def main(path: str) -> None:
                 demand(bench)
                 outcomes[name] = ""
             except Exception:  # an outcome like any other: reported, not raised
-                outcomes[name] = traceback.format_exc()
+                outcomes[name] = traceback.format_exc() + said.getvalue()[-2000:]
             finally:
                 bench.close()
         drive.terminate()
