@@ -218,6 +218,18 @@ def test_a_host_that_leaves_is_absent_not_dead(name: str) -> None:
         assert state() == lib.SJ_HOST_ABSENT
 
 
+def test_a_watch_that_cannot_write_or_never_looks_is_refused(private: Segment, name: str) -> None:
+    """A monitor's pages are read-only; a period is a time."""
+    with pytest.raises(ValueError, match=r"HostWatch\.period_s = 0"):
+        HostWatch(private, period_s=0)
+    with (
+        Segment.create(name, LAYOUT),
+        Segment.attach(name) as monitor,
+        pytest.raises(ValueError, match="monitor"),
+    ):
+        HostWatch(monitor)
+
+
 def test_clean_leaves_living_segments_alone(name: str) -> None:
     """A segment that somebody has open is listed as in use and stays."""
     with Segment.create(name, LAYOUT):

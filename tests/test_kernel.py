@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import textwrap
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -28,8 +29,10 @@ from sjerk import (
     plan,
     scurve,
 )
-from sjerk._binding import lib
+from sjerk._binding import ffi, lib
 from sjerk.cia402 import ControlWord, State
+from sjerk.handshake import Segment
+from sjerk.host import layout
 
 T = 1e-3
 LIMITS = Limits(90.0, 500.0, 5000.0, deceleration=300.0)
@@ -235,7 +238,7 @@ def test_a_command_that_was_forged_is_refused_by_the_kernel() -> None:
     def send(goal: float, velocity: float, limit: float) -> int:
         entry = host._command.axis[0]
         entry.moves, entry.goal, entry.goal_velocity = 1, goal, velocity
-        entry.limits = LIMITS._per_cycle(T)[0]
+        ffi.memmove(ffi.addressof(entry, "limits"), LIMITS._per_cycle(T), 40)
         entry.limits.jerk = limit
         host._command.goal_id += 1
         host._publish()
@@ -347,3 +350,91 @@ def test_a_killed_host_process_stops_the_motion_and_leaves_no_segment(kill: sign
         time.sleep(0.01)
     assert not Path(f"/proc/{pid}").exists()
     assert not [entry for entry in Path("/dev/shm").iterdir() if name in entry.name]
+
+
+HOST = textwrap.dedent(
+    """
+    import sys, time
+    from sjerk import *
+    host = Host.attach(sys.argv[1], [Limits(90.0, 500.0, 5000.0, deceleration=300.0)], 1e-3)
+    host.enable()
+    host.move(float(sys.argv[2]))
+    print("moving", flush=True)
+    time.sleep(60.0)
+    """
+)
+
+
+def test_a_dying_host_disturbs_nothing_but_the_motion_it_wanted_to_be_stopped() -> None:
+    """Kill -9 of a host in its own process: the path stays within its limits to a rest, and the
+    next host goes on; a monitor sees every sample it reads on that path.
+    """
+    with MotionKernel([AXIS], T) as kernel:
+        monitor = Segment.attach(kernel.name, layout(1), role="monitor")
+        frame, number = ffi.new("sj_feedback *"), ffi.new("uint64_t *")
+        for goal in (60.0, -60.0, 60.0):
+            child = subprocess.Popen(
+                [sys.executable, "-c", HOST, kernel.name, str(goal)], stdout=subprocess.PIPE
+            )
+            assert child.stdout is not None
+            with child.stdout:
+                assert child.stdout.readline() == b"moving\n"
+                seen: dict[int, float] = {}
+                killed = still = 0
+                while still < 50:
+                    lib.sj_feedback_read(monitor.base, frame, number)
+                    axis = frame.axis[0]
+                    if frame.cycle in seen:
+                        continue
+                    seen[frame.cycle] = axis.position
+                    if not killed and abs(axis.velocity) > 0.04:
+                        child.kill()
+                        killed = frame.cycle
+                    still = still + 1 if killed and not axis.moving else 0
+                child.wait()
+            cycles = sorted(seen)
+            runs = [
+                [seen[c + i] for i in range(4)]
+                for c in cycles
+                if all(c + i in seen for i in range(4))
+            ]
+            assert len(runs) > 50
+            third = np.abs(np.diff(np.array(runs), 3))
+            assert np.max(third) <= 5000.0 * T**3 * (1 + 1e-9) + 8 * np.spacing(60.0)
+            assert seen[cycles[-1]] != goal
+        monitor.close()
+        with kernel.host() as host:
+            host.move(0.0).wait(timeout=30.0)
+
+
+def test_a_spoilt_command_word_stops_the_motion_and_is_counted() -> None:
+    """A wild writer in the command word: every axis stops along its ramp, nothing else moves."""
+    kernel, host = stepped()
+    move = host.move(60.0)
+    kernel.step(200)
+    assert host._segment is not None
+    word = ffi.cast("uint32_t *", ffi.cast("char *", host._segment.base) + lib.SJ_SHM_COMMAND)
+    before = word[0]
+    word[0] = 0xFFFF
+    kernel.step()
+    word[0] = before
+    kernel.step(600)
+    assert host._frame().corrupt == 1
+    assert not host.feedback().moving
+    assert move.state is MoveState.STOPPED
+
+
+def test_two_threads_may_command_one_host() -> None:
+    """Commands of two threads are never mixed: every one is counted and the last one executed."""
+    with MotionKernel([AXIS], T) as kernel, kernel.host() as host:
+        host.enable()
+        threads = [
+            threading.Thread(target=lambda: [host.move(1.0) for _ in range(300)]) for _ in range(4)
+        ]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        assert host._command.goal_id == 1200
+        host.move(2.0).wait(timeout=30.0)
+        assert host._frame().corrupt == 0

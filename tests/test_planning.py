@@ -473,7 +473,7 @@ def test_changes_of_velocity_end_as_asked(
 
 
 def test_a_stop_is_no_longer_than_the_plan_it_stops() -> None:
-    """While a move brakes, a stop takes about as long, and ends within a cycle's way of its goal."""
+    """While a move brakes, a stop takes about as long and ends within a cycle's way of its goal."""
     profile = plan(0.0, 20.0, UNEVEN, T)
     states = sample_states(profile)
     braking = min(range(len(states)), key=lambda k: states[k].a) + 1

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from sjerk import demo
 from sjerk.errors import SjerkError
+from sjerk.handshake import clean
 from sjerk.ports import canopen
 from sjerk.trajectory import shipped_recording
 
@@ -30,18 +31,32 @@ def arguments() -> argparse.ArgumentParser:
     job.add_argument("--out", type=Path, default=Path("demo.png"), help="the picture (%(default)s)")
     job.add_argument("--joint", help="joint of a bag (default: its first)")
     job.add_argument("--cycle-us", type=float, default=1000.0, help="control cycle (%(default)s)")
-    drive = jobs.add_parser("drive", help="be a simulated CiA 402 drive on a CANopen bus")
-    canopen.add_arguments(drive)
+    job.set_defaults(
+        run=lambda o: demo.run(o.path, o.out, o.cycle_us * 1e-6, o.joint),
+    )
+    job = jobs.add_parser("clean", help="remove the segments of kernels that are dead")
+    job.add_argument("--dry-run", action="store_true", help="list, remove nothing")
+    job.set_defaults(run=_clean)
+    job = jobs.add_parser("drive", help="be a simulated CiA 402 drive on a CANopen bus")
+    canopen.add_arguments(job)
+    job.set_defaults(run=canopen.run)
     return parser
+
+
+def _clean(options: argparse.Namespace) -> int:
+    found = clean(dry_run=options.dry_run)
+    for info in found:
+        fate = "removed" if info.removed else "in use" if info.in_use else info.problem or "dead"
+        print(f"{info.name}: {info.size} bytes, {fate}")
+    print(f"{sum(info.removed for info in found)} of {len(found)} segments removed")
+    return 0
 
 
 def main(argv: list[str] | None = None) -> int:
     """Run the command line; returns the exit code."""
     options = arguments().parse_args(argv)
     try:
-        if options.job == "drive":
-            return canopen.run(options)
-        return demo.run(options.path, options.out, options.cycle_us * 1e-6, options.joint)
+        return int(options.run(options))
     except SjerkError as error:
         print(f"sjerk: {error}", file=sys.stderr)
         return 1

@@ -8,6 +8,7 @@
 #include <math.h>   /* fabs, isfinite */
 #include <stddef.h>
 #include <stdint.h>
+#include <string.h> /* memcpy of a command */
 #include "_kernel.h"
 #include "_exact.h" /* double-double sums */
 #include "_lemma.h" /* from samples to the continuous motion and back */
@@ -278,12 +279,13 @@ void sj_interpolator_fill(sj_interpolator *ip, double cycle_time_s, int64_t firs
     }
 }
 
-/* A whole motion: row 0 the start, rows 1 .. N the cycles, row N + 1 the settled end. `start` and
- * `end` are samples in SI units of time, the plan is in cycle units. */
-int32_t sj_sample(const sj_plan *plan, const sj_state *start, const sj_state *end,
-                  double cycle_time_s, const sj_table *out)
+/* A whole motion: row 0 the start, rows 1 .. N the cycles, row N + 1 the settled end. `from` and `to`
+ * are samples (sj_state) in SI units of time, the plan is in cycle units. */
+int32_t sj_sample(const sj_plan *plan, const void *from, const void *to, double cycle_time_s,
+                  const sj_table *out)
 {
     const double T = cycle_time_s;
+    const sj_state *start = from, *end = to;
     sj_state first = {start->position, start->velocity * T, start->acceleration * T * T};
     int64_t last = plan->cycles + 1;
     sj_interpolator ip;
@@ -484,7 +486,7 @@ static void collect(sj_kernel *kernel, uint64_t now_ns)
 {
     sj_command *command = &kernel->command;
     int32_t host = sj_shm_host_state(kernel->segment, now_ns);
-    int32_t stopped = kernel->ending;
+    int32_t stopped = kernel->ending, fresh;
 
     if (host != kernel->host_state && host == SJ_HOST_DEAD)
         stop_all(kernel); /* once; the next host may move on */
@@ -492,7 +494,12 @@ static void collect(sj_kernel *kernel, uint64_t now_ns)
     if (kernel->ending && kernel->feedback.ending == 0)
         stop_all(kernel);
     kernel->feedback.ending = kernel->ending;
-    if (sj_command_collect(kernel->segment, command) == 1) {
+    fresh = sj_command_collect(kernel->segment, &kernel->incoming);
+    if (fresh < 0) {
+        kernel->feedback.corrupt++;
+        stop_all(kernel);
+    } else if (fresh == 1) {
+        memcpy(command, &kernel->incoming, sj_command_bytes(kernel->axes));
         if (command->stop_count != kernel->stop_count) {
             kernel->stop_count = command->stop_count;
             stopped = 1;
@@ -570,6 +577,7 @@ void sj_kernel_cycle(sj_kernel *kernel, uint64_t now_ns)
         kernel->reset--;
     kernel->feedback.cycle++;
     kernel->feedback.time_ns = now_ns;
+    kernel->feedback.kernel_epoch = sj_shm_kernel_epoch(kernel->segment);
     sj_shm_beat_kernel(kernel->segment, now_ns);
     sj_feedback_publish(kernel->segment, &kernel->feedback);
 }

@@ -93,13 +93,14 @@ enum sj_synchronization {
 
 int32_t sj_plan_axes(int32_t n, const sj_request *request, const sj_limits *limits,
                      int64_t least_cycles, int32_t *synchronization, sj_plan *plans);
-int32_t sj_plan_samples(int32_t n, double cycle_time_s, const sj_state *from, const sj_state *to,
-                        const sj_limits *limits, int64_t least_cycles, int32_t *synchronization,
+/* States and limits as memory of sj_state and sj_limits: Python passes joined bytes. */
+int32_t sj_plan_samples(int32_t n, double cycle_time_s, const void *from, const void *to,
+                        const void *limits, int64_t least_cycles, int32_t *synchronization,
                         sj_plan *plans);
-int32_t sj_plan_sample(double cycle_time_s, double q0, double v0, double a0, double q1, double v1,
-                       const sj_limits *limits, sj_plan *plan);
-int32_t sj_plan_sample_velocity(double cycle_time_s, const sj_state *from, double v1,
-                                const sj_limits *limits, sj_plan *plan, double *end);
+int32_t sj_plan_sample(double cycle_time_s, const void *from, const void *to, const void *limits,
+                       sj_plan *plan);
+int32_t sj_plan_sample_velocity(double cycle_time_s, const void *from, double v1,
+                                const void *limits, sj_plan *plan, double *end);
 int32_t sj_plan_rows(int64_t n, double cycle_time_s, const double *from, int64_t from_columns,
                      const double *to, int64_t to_columns, const sj_limits *limits,
                      int64_t limits_step, sj_plan *plans, int64_t *failed);
@@ -644,7 +645,7 @@ int32_t sj_interpolator_load(sj_interpolator *ip, const sj_plan *plan, double go
 int32_t sj_interpolator_step(sj_interpolator *ip);
 void    sj_interpolator_fill(sj_interpolator *ip, double cycle_time_s, int64_t first_row,
                              const sj_table *out);
-int32_t sj_sample(const sj_plan *plan, const sj_state *start, const sj_state *end,
+int32_t sj_sample(const sj_plan *plan, const void *start, const void *end,
                   double cycle_time_s, const sj_table *out);
 void    sj_lemma_plan(const sj_state *sample, double jerk, sj_state *plan);
 void    sj_lemma_sample(const sj_state *plan, double jerk, sj_state *sample);
@@ -705,6 +706,8 @@ typedef struct {
     uint64_t sequence, stop_count, reset_count;         /* newest taken */
     uint64_t result_goal_id;            /* goal that `result` is about */
     uint64_t late;                      /* cycles of the clock that were skipped */
+    uint64_t corrupt;                   /* commands that a wild writer had spoilt; each stops all axes */
+    uint64_t kernel_epoch;              /* which kernel this frame is of */
     int32_t result, result_axis;        /* enum sj_result; axis that refused, or -1 */
     int32_t axes, ending;
     sj_histogram latency, period, computing;
@@ -734,6 +737,7 @@ typedef struct {
     int32_t host_state;
     int32_t reserved;
     uint64_t stop_count, reset_count, goal_id;
+    sj_command incoming;                /* what collect fills; spoilt where it fails */
     sj_command command;
     sj_feedback feedback;
     sj_plan plan[64];                   /* room for planning a goal */

@@ -7,15 +7,15 @@
 #include <stddef.h>
 #include <stdint.h>
 #include "_kernel.h"
-#include "_lemma.h" /* from samples to the continuous motion */
+#include "_lemma.h" /* from samples to the continuous motion, exactly */
 
-/* From sample to sample, no jerk before the start; SI units of time, limits per cycle. */
+/* From sample to sample, no jerk before the start; SI units of time, limits per cycle. The lemma in
+ * plain doubles: what that rounds is far below what the interpolator takes out exactly. */
 static sj_request between(double T, const sj_state *from, const sj_state *to)
 {
-    continuous at = lemma(exact_of(from->position), exact_of(from->velocity * T),
-                          exact_of(from->acceleration * T * T), exact_of(0.0));
-    double v1 = to->velocity * T;
-    return (sj_request){lemma_distance(&at, to->position, v1), at.V.hi, at.A.hi, v1};
+    double v = from->velocity * T, a = from->acceleration * T * T, v1 = to->velocity * T;
+    return (sj_request){(to->position - from->position) - 0.5 * (v1 + v) + a / 12.0,
+                        v + 0.5 * a, a, v1};
 }
 
 /* Rest to rest on a straight line: one profile of the way from 0 to 1 under the limits that the
@@ -83,33 +83,41 @@ int32_t sj_plan_axes(int32_t n, const sj_request *request, const sj_limits *limi
     return sj_plan_together(n, request, limits, least_cycles, plans);
 }
 
-int32_t sj_plan_samples(int32_t n, double cycle_time_s, const sj_state *from, const sj_state *to,
-                        const sj_limits *limits, int64_t least_cycles, int32_t *synchronization,
+int32_t sj_plan_samples(int32_t n, double cycle_time_s, const void *from, const void *to,
+                        const void *limits, int64_t least_cycles, int32_t *synchronization,
                         sj_plan *plans)
 {
+    const sj_state *start = from, *end = to;
     sj_request request[SJ_AXES];
     if (n < 1 || n > SJ_AXES)
         return SJ_PLAN_INVALID;
-    for (int32_t i = 0; i < n; i++)
-        request[i] = between(cycle_time_s, &from[i], &to[i]);
+    for (int32_t i = 0; i < n; i++) {
+        if (end[i].acceleration != 0.0)
+            return SJ_PLAN_INVALID;
+        request[i] = between(cycle_time_s, &start[i], &end[i]);
+    }
     return sj_plan_axes(n, request, limits, least_cycles, synchronization, plans);
 }
 
-/* One axis by its numbers. */
-int32_t sj_plan_sample(double cycle_time_s, double q0, double v0, double a0, double q1, double v1,
-                       const sj_limits *limits, sj_plan *plan)
+/* One axis. */
+int32_t sj_plan_sample(double cycle_time_s, const void *from, const void *to, const void *limits,
+                       sj_plan *plan)
 {
-    sj_request r = between(cycle_time_s, &(sj_state){q0, v0, a0}, &(sj_state){q1, v1, 0.0});
+    const sj_state *end = to;
+    sj_request r = between(cycle_time_s, from, end);
+    if (end->acceleration != 0.0)
+        return SJ_PLAN_INVALID;
     return sj_plan_move(r.distance, r.v0, r.a0, r.v1, limits, plan);
 }
 
 /* A change of velocity from a sample; *end is where the settled sample is. */
-int32_t sj_plan_sample_velocity(double cycle_time_s, const sj_state *from, double v1,
-                                const sj_limits *limits, sj_plan *plan, double *end)
+int32_t sj_plan_sample_velocity(double cycle_time_s, const void *from, double v1,
+                                const void *limits, sj_plan *plan, double *end)
 {
     const double T = cycle_time_s;
-    continuous at = lemma(exact_of(from->position), exact_of(from->velocity * T),
-                          exact_of(from->acceleration * T * T), exact_of(0.0));
+    const sj_state *start = from;
+    continuous at = lemma(exact_of(start->position), exact_of(start->velocity * T),
+                          exact_of(start->acceleration * T * T), exact_of(0.0));
     int32_t status = sj_plan_velocity(at.V.hi, at.A.hi, v1 * T, limits, plan);
     if (status != SJ_PLAN_OK)
         return status;

@@ -170,7 +170,7 @@ def real(field: str, value: object) -> float:
 
     Magnitudes below 1 / LARGEST count as zero.
     """
-    if isinstance(value, bool) or not isinstance(value, Real):
+    if value.__class__ is not float and (isinstance(value, bool) or not isinstance(value, Real)):
         raise InputError(field, value, "must be a real number")
     number = float(value)
     if not math.isfinite(number):

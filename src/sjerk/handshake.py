@@ -48,6 +48,7 @@ Role = Literal["owner", "host", "monitor", "kernel"]
 
 _FOLDER = "/dev/shm"
 _PREFIX = "sjerk-"
+_MAGIC = b"sjerk-m\n"  # the first bytes of every segment, of whatever version
 _UNBORN = ".unborn"  # suffix of a segment that is not yet whole
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")
 _LONGEST_NAME = 200  # file names end at 255 bytes
@@ -214,8 +215,8 @@ def _same_file(fd: int, path: str) -> bool:
 
 
 def _open(name: str, path: str, flags: int) -> int:
-    try:
-        return os.open(path, flags | os.O_NOFOLLOW | os.O_CLOEXEC)
+    try:  # not blocking: somebody may have put a pipe there
+        return os.open(path, flags | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
     except FileNotFoundError:
         raise errors.SegmentMissingError(
             f"no segment {name!r}: no kernel of this name is running", name=name
@@ -296,7 +297,7 @@ class _Private:
 
 
 def _birth(name: str, unborn: str, layout: Layout, gid: int | None) -> int:
-    """Make a whole segment under a name that nobody asks for; its descriptor, locked."""
+    """Make a whole segment under a name that nobody asks for; its locked descriptor, or -1."""
     size = layout.size
     try:
         carrier = _shared_memory(_PREFIX + unborn, create=True, size=size)
@@ -307,7 +308,9 @@ def _birth(name: str, unborn: str, layout: Layout, gid: int | None) -> int:
     fd = -1
     try:
         fd = _open(name, _path(unborn), os.O_RDWR)
-        _lock(fd, fcntl.F_RDLCK, _PRESENT)
+        if not _lock(fd, fcntl.F_RDLCK, _PRESENT):  # clean() has it already: begin again
+            os.close(fd)
+            return -1
         # Now, so that a full file system is an error here and not a bus error in the cycle.
         os.posix_fallocate(fd, 0, size)
         if gid is not None:
@@ -352,7 +355,16 @@ def _check_file(fd: int, name: str, any_owner: bool) -> None:
 
 def _check_content(base: Any, name: str, layout: Layout | None) -> Layout:
     config = ffi.NULL if layout is None else layout.config()
-    raise_for_status(lib.sj_shm_check(base, len(base), config), name)
+    status = lib.sj_shm_check(base, len(base), config)
+    if status == lib.SJ_SHM_VERSION:
+        found = lib.sj_shm_read_version(base, len(base))
+        raise errors.SegmentVersionError(
+            f"segment {name!r} has layout {found >> 16}.{found & 0xFFFF}, "
+            f"this version of sjerk reads {lib.SJ_SHM_MAJOR}.x",
+            name=name,
+            status=status,
+        )
+    raise_for_status(status, name)
     if layout is not None:
         return layout
     config = ffi.new("sj_shm_config *")
@@ -393,17 +405,17 @@ def _make_room(name: str, replace_stale: bool) -> None:
         os.close(fd)
 
 
-def _finish(base: Any, carrier: Any, fd: int, role: Role) -> None:
+def _finish(export: Any, carrier: Any, fd: int, role: Role) -> None:
     """Leave in order. The exports go first: a SharedMemory with exports refuses to close."""
     if role == "host":
-        lib.sj_shm_leave_host(base)
+        lib.sj_shm_leave_host(export)
     elif role == "kernel":
-        lib.sj_shm_leave_kernel(base)
-    _release(base, carrier, fd)
+        lib.sj_shm_leave_kernel(export)
+    _release(export, carrier, fd)
 
 
-def _release(base: Any, carrier: Any, fd: int) -> None:
-    ffi.release(base)
+def _release(export: Any, carrier: Any, fd: int) -> None:
+    ffi.release(export)
     carrier.close()
     if fd >= 0:
         os.close(fd)  # and with it every lock
@@ -433,8 +445,10 @@ class Segment:
         self._fd = fd
         self._created = False
         self._state: Literal["open", "closed", "forked"] = "open"
-        self._base = ffi.from_buffer("char[]", carrier.buf)
-        self._finalizer = weakref.finalize(self, _finish, self._base, carrier, fd, role)
+        export = ffi.from_buffer("char[]", carrier.buf)
+        self._export = export
+        self._base = ffi.cast("void *", export)  # a pointer crosses into C faster than an array
+        self._finalizer = weakref.finalize(self, _finish, export, carrier, fd, role)
         _living.add(self)
 
     # ---- making -----------------------------------------------------------------------------
@@ -464,6 +478,8 @@ class Segment:
         while True:
             unborn = f"{name}{_UNBORN}-{os.getpid()}-{time.monotonic_ns()}"
             fd = _birth(name, unborn, layout, gid)
+            if fd < 0:
+                continue
             carrier: Any = None
             try:
                 if not _same_file(fd, _path(unborn)):  # clean() came between creation and lock
@@ -585,7 +601,7 @@ class Segment:
 
     @property
     def base(self) -> Any:
-        """The memory, for the C calls. Do not keep it beyond :meth:`close`.
+        """The memory as ``void *``, for the C calls. Do not keep it beyond :meth:`close`.
 
         Raises SegmentClosedError, and ForkedError in a process that inherited the segment by fork.
         """
@@ -601,6 +617,21 @@ class Segment:
                 name=self._name,
             )
         raise errors.SegmentClosedError(f"segment {self._name!r} is closed", name=self._name)
+
+    def check(self, status: int) -> int:
+        """Return a status of a C call that is >= 0; raise the error of one that is not.
+
+        KernelRestartedError carries the epoch of the new kernel. What it knew of positions, goals
+        and records is gone: read the feedback, then ``sj_shm_address`` it to speak to it.
+        """
+        if status == lib.SJ_SHM_KERNEL_RESTARTED:
+            epoch = int(lib.sj_shm_kernel_epoch(self.base))
+            raise errors.KernelRestartedError(
+                f"kernel {self._name!r} has been restarted (epoch {epoch})",
+                name=self._name,
+                epoch=epoch,
+            )
+        return raise_for_status(status, self._name)
 
     def host_lives(self) -> bool:
         """Whether a living process is host. Looks at the lock only: a silent host lives."""
@@ -649,7 +680,7 @@ class Segment:
         if self._state == "open":
             self._state = "forked"
             self._finalizer.detach()
-            _release(self._base, self._carrier, self._fd)
+            _release(self._export, self._carrier, self._fd)
 
 
 def _after_fork() -> None:
@@ -668,7 +699,7 @@ class HostWatch:
 
     The kernel process keeps one while it runs; ``sj_shm_host_state`` then tells the cycle. A
     thread, so the cycle must run without the interpreter lock; without one, call :meth:`look` now
-    and then.
+    and then. Leave it before the segment is closed.
     """
 
     def __init__(self, segment: Segment, *, period_s: float = 0.002) -> None:
@@ -690,7 +721,7 @@ class HostWatch:
         return lives
 
     def _run(self) -> None:
-        while not self._end.wait(self._period_s):
+        while not self._end.wait(self._period_s) and not self._segment.closed:
             self.look()
 
     def __enter__(self) -> Self:
@@ -770,4 +801,4 @@ def _look_at(name: str, dry_run: bool, any_owner: bool) -> SegmentInfo:
 
 def _ours(fd: int) -> bool:
     """Whether the content begins as a segment does, of whatever version or state."""
-    return os.pread(fd, 8, 0) == b"sjerk-m\n"
+    return os.pread(fd, len(_MAGIC), 0) == _MAGIC

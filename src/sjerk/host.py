@@ -6,6 +6,7 @@ Never here: the cycle, the layout of the memory, bit masks of drives.
 from __future__ import annotations
 
 import hashlib
+import threading
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -23,7 +24,7 @@ from sjerk.errors import (
     SjerkError,
     real,
 )
-from sjerk.handshake import Layout, Segment, raise_for_status
+from sjerk.handshake import Layout, Segment
 from sjerk.planning import Synchronization, check_target, code_of, cycles_of
 from sjerk.profile import Limits, State
 
@@ -294,6 +295,7 @@ class Host:
         self._command = ffi.new("sj_command *")
         self._buffer = ffi.new("sj_feedback *")
         self._sequence = ffi.new("uint64_t *")
+        self._lock = threading.Lock()  # cffi lets other threads run: two would write as one
         if cyclic:
             self._wait_until(lambda frame: True, 5.0, "the first cycle")
             frame = self._frame()
@@ -303,6 +305,16 @@ class Host:
             self._command.stop_count = frame.stop_count
             self._command.reset_count = frame.reset_count
             self._command.enable = int(any(frame.axis[i].enabled for i in range(frame.axes)))
+
+    @classmethod
+    def attach(cls, name: str, limits: Sequence[Limits], cycle_time: float) -> Host:
+        """Become the host of the running kernel ``name`` from another process.
+
+        ``limits`` of its axes and its ``cycle_time`` as the kernel has them. Raises HandshakeError:
+        no such kernel, another number of axes, or a living host.
+        """
+        segment = Segment.attach(name, layout(len(limits)), role="host")
+        return cls(segment, limits, cycle_time, cyclic=True)
 
     def __enter__(self) -> Host:
         return self
@@ -324,7 +336,7 @@ class Host:
             status = lib.sj_feedback_read(self._segment.base, self._buffer, self._sequence)
             if status != lib.SJ_SHM_LAPPED:
                 break
-        return self._buffer if raise_for_status(status, self._segment.name) else None
+        return self._buffer if self._segment.check(status) else None
 
     def _frame(self) -> Any:
         frame = self._read()
@@ -359,14 +371,13 @@ class Host:
 
     def _publish(self) -> None:
         self._command.sequence += 1
-        raise_for_status(
-            lib.sj_command_publish(self._segment.base, self._command), self._segment.name
-        )
+        self._segment.check(lib.sj_command_publish(self._segment.base, self._command))
 
     def enable(self, timeout: float | None = 5.0) -> None:
         """Enable all drives; returns when every one follows (at once in a caller's own loop)."""
-        self._command.enable = 1
-        self._publish()
+        with self._lock:
+            self._command.enable = 1
+            self._publish()
         if self._cyclic:
             n = range(len(self._limits))
             self._wait_until(
@@ -375,8 +386,9 @@ class Host:
 
     def disable(self, timeout: float | None = 5.0) -> None:
         """Disable all drives, each once it is at rest."""
-        self._command.enable = 0
-        self._publish()
+        with self._lock:
+            self._command.enable = 0
+            self._publish()
         if self._cyclic:
             n = range(len(self._limits))
             self._wait_until(
@@ -385,14 +397,16 @@ class Host:
 
     def reset(self) -> None:
         """Reset the faults of all drives, once."""
-        self._command.reset_count += 1
-        self._publish()
+        with self._lock:
+            self._command.reset_count += 1
+            self._publish()
 
     def stop(self, timeout: float | None = 30.0) -> None:
         """Stop all axes along jerk-limited ramps; returns at rest (at once in an own loop)."""
-        self._command.stop_count += 1
-        count = int(self._command.stop_count)
-        self._publish()
+        with self._lock:
+            self._command.stop_count += 1
+            count = int(self._command.stop_count)
+            self._publish()
         if self._cyclic:
             n = range(len(self._limits))
             self._wait_until(
@@ -420,22 +434,24 @@ class Host:
         refusal by the kernel is raised by ``Move.wait``.
         """
         targets = self._targets(target)
-        command = self._command
-        command.synchronization = code_of(synchronization)
-        command.least_cycles = cycles_of(min_duration, self._T)
+        code, least = code_of(synchronization), cycles_of(min_duration, self._T)
         own = {i: limits or self._limits[i] for i in targets}
         for i, goal in targets.items():
             check_target(f"target[{i}]", goal, own[i])
-        for i in range(len(self._limits)):
-            entry = command.axis[i]
-            entry.moves = i in targets
-            if i in targets:
-                entry.goal = targets[i].position
-                entry.goal_velocity = targets[i].velocity * self._T
-                entry.limits = own[i]._per_cycle(self._T)[0]
-        command.goal_id += 1
-        self._publish()
-        return Move(self, int(command.goal_id), targets)
+        with self._lock:
+            command = self._command
+            command.synchronization, command.least_cycles = code, least
+            for i in range(len(self._limits)):
+                entry = command.axis[i]
+                entry.moves = i in targets
+                if i in targets:
+                    entry.goal = targets[i].position
+                    entry.goal_velocity = targets[i].velocity * self._T
+                    rows = own[i]._per_cycle(self._T)
+                    ffi.memmove(ffi.addressof(entry, "limits"), rows, len(rows))
+            command.goal_id += 1
+            self._publish()
+            return Move(self, int(command.goal_id), targets)
 
     def _targets(self, target: Target | Sequence[Target] | dict[int, Target]) -> dict[int, State]:
         axes = len(self._limits)

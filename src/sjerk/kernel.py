@@ -168,7 +168,8 @@ def _build(axes: Sequence[Axis], cycle_time: float, base: Any) -> Any:
     lib.sj_kernel_init(kernel, base, len(axes))
     T = cycle_time
     for i, axis in enumerate(axes):
-        limits, per_cycle = axis.limits, axis.limits._per_cycle(T)
+        limits = axis.limits
+        per_cycle = ffi.from_buffer("sj_limits[]", limits._per_cycle(T))
         drive = axis.drive.changed(period_s=T)
         if lib.sj_kernel_axis(kernel, i, drive.to_c(), per_cycle, axis.counts_per_unit) != 0:
             raise InputError(f"axes[{i}].drive", drive, "does not fit the cycle time")

@@ -8,7 +8,10 @@ Never here: clocks, shared memory, drives.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+import os
+import struct
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Literal, NoReturn, overload
@@ -27,6 +30,15 @@ _NAMES: dict[int, Synchronization] = {
     lib.SJ_SYNC_TIME: "time",
     lib.SJ_SYNC_PHASE: "phase",
 }
+#: Allocation without clearing, and types looked up once: this is the fast path.
+_new = ffi.new_allocator(should_clear_after_alloc=False)
+#: Starting a thread costs about as much as planning a thousand axes.
+_ROWS_PER_THREAD = 4000
+_MOST: int = lib.SJ_AXES
+_PHASE: int = lib.SJ_SYNC_PHASE
+_PLAN, _PLAN_ARRAY, _INT = (ffi.typeof(name) for name in ("sj_plan *", "sj_plan[]", "int32_t *"))
+#: Only "phase" is ever changed by the planner: the others can be shared.
+_MODES = {code: ffi.new("int32_t *", code) for code in _CODES.values()}
 _PLAN_DTYPE = np.dtype(
     [
         ("cycles", np.int64),
@@ -46,7 +58,7 @@ class Motion:
     ``synchronization`` is what was done: ``"phase"`` falls back to ``"time"``.
     """
 
-    __slots__ = ("_ends", "_limits", "_plans", "_profiles", "_starts", "_synchronization", "_time")
+    __slots__ = ("_axes", "_begin", "_code", "_end", "_plans", "_profiles", "_ranges", "_time")
 
     _profiles: tuple[Profile, ...] | None
 
@@ -54,35 +66,37 @@ class Motion:
         self,
         plans: Any,
         cycle_time: float,
-        starts: Sequence[State],
-        ends: Sequence[State],
-        limits: Sequence[Limits],
-        synchronization: Synchronization,
+        axes: int,
+        begin: bytes,
+        end: bytes,
+        ranges: list[tuple[float, float] | None] | None,
+        code: int,
     ) -> None:
-        """Not for callers: ``plan`` makes it."""
-        self._plans, self._time = plans, cycle_time
-        self._starts, self._ends, self._limits = starts, ends, limits
-        self._synchronization = synchronization
+        """Not for callers: ``plan`` makes it, of the memory of ``sj_state`` rows."""
+        self._plans, self._time, self._axes = plans, cycle_time, axes
+        self._begin, self._end, self._ranges = begin, end, ranges
+        self._code = code
         self._profiles = None
 
     @property
     def synchronization(self) -> Synchronization:
         """How the axes share the motion."""
-        return self._synchronization
+        return _NAMES[self._code]
 
     @property
     def profiles(self) -> tuple[Profile, ...]:
         """One profile per axis, of one length unless ``synchronization`` is ``"none"``."""
         if self._profiles is None:
-            rows = zip(self._starts, self._ends, self._limits, strict=True)
+            starts, ends = _unpacked(self._begin), _unpacked(self._end)
+            ranges = self._ranges or [None] * self._axes
             self._profiles = tuple(
-                Profile._of(self._plans + i, self._time, start, end, limits, self._plans)
-                for i, (start, end, limits) in enumerate(rows)
+                Profile._of(self._plans + i, self._time, start, end, limit, self._plans)
+                for i, (start, end, limit) in enumerate(zip(starts, ends, ranges, strict=True))
             )
         return self._profiles
 
     def __len__(self) -> int:
-        return len(self._starts)
+        return self._axes
 
     def __getitem__(self, axis: int) -> Profile:
         return self.profiles[axis]
@@ -98,7 +112,7 @@ class Motion:
     @property
     def cycles(self) -> int:
         """Length of the longest profile in control cycles."""
-        return int(max(self._plans[i].cycles for i in range(len(self._starts))))
+        return int(max(self._plans[i].cycles for i in range(self._axes)))
 
     @property
     def duration(self) -> float:
@@ -207,41 +221,56 @@ def plan(
     >>> profile.cycles, float(profile.sample().position[-1])
     (1862, 160.0)
     """
-    if isinstance(limits, Limits):
-        single = limits._per_cycle(cycle_time)
-        if start.__class__ is State and target.__class__ is State and not min_duration:
-            return _one(start, target, limits, single, cycle_time)
-    elif not limits:
-        raise InputError("limits", limits, "must be a Limits or one per axis")
-    code, least = code_of(synchronization), cycles_of(min_duration, cycle_time)
-    one = not isinstance(start, Sequence) and not isinstance(target, Sequence)
+    if (
+        start.__class__ is State
+        and target.__class__ is State
+        and limits.__class__ is Limits
+        and not min_duration
+    ):
+        return _one(start, target, limits, cycle_time)
+    if not min_duration and start.__class__ is list and target.__class__ is list:
+        motion = _many_axes(start, target, limits, cycle_time, _CODES.get(synchronization))
+        if motion is not None:
+            return motion
+    code, least = code_of(synchronization), 0
+    if min_duration:
+        least = cycles_of(min_duration, cycle_time)
+    one = not _is_sequence(start) and not _is_sequence(target)
     starts = _states("start", [start] if one else start)
     targets = _states("target", [target] if one else target)
     several = [limits] * len(starts) if isinstance(limits, Limits) else list(limits)
-    if not len(starts) == len(targets) == len(several):
-        lengths = (len(starts), len(targets), len(several))
-        raise InputError("start, target, limits", lengths, "must have one entry per axis")
     return _axes(starts, targets, several, cycle_time, least, code, single=one)
 
 
-def _one(start: State, target: State, limits: Limits, c_limits: Any, T: float) -> Profile:
+def _one(start: State, target: State, limits: Limits, T: float) -> Profile:
     """The fast path: one axis, states built beforehand, no options."""
-    if target.acceleration != 0.0 or limits.position is not None:
+    if limits.position is not None:
         check_target("target", target, limits)
-    made = ffi.new("sj_plan *")
-    status = lib.sj_plan_sample(
-        T,
-        start.position,
-        start.velocity,
-        start.acceleration,
-        target.position,
-        target.velocity,
-        c_limits,
-        made,
-    )
-    if status != 0:
+    made = _new(_PLAN)
+    status = lib.sj_plan_sample(T, start._c, target._c, limits._per_cycle(T), made)
+    if status:
         _fail(status, "target", target, limits)
-    return Profile._of(made, T, start, target, limits)
+    return Profile._of(made, T, start, target, limits.position)
+
+
+def _many_axes(
+    starts: list[Any], targets: list[Any], limits: Any, T: float, code: int | None
+) -> Motion | None:
+    """The fast path of several axes: lists of states and of limits used before. None: not that."""
+    n = len(starts)
+    try:
+        begin = b"".join([state._c for state in starts])
+        end = b"".join([state._c for state in targets])
+        rows = b"".join([limit._c[T] for limit in limits])
+    except (AttributeError, KeyError, TypeError):
+        return None
+    if code is None or not 24 * n == len(begin) == len(end) or 40 * n != len(rows) or n > _MOST:
+        return None
+    plans = _new(_PLAN_ARRAY, n)
+    mode = _MODES[code] if code != _PHASE else _new(_INT, code)
+    if lib.sj_plan_samples(n, T, begin, end, rows, 0, mode, plans):
+        return None
+    return Motion(plans, T, n, begin, end, None, mode[0])
 
 
 def _axes(
@@ -255,29 +284,22 @@ def _axes(
     single: bool,
 ) -> Profile | Motion:
     n = len(starts)
+    if not n == len(targets) == len(limits):
+        lengths = (n, len(targets), len(limits))
+        raise InputError("start, target, limits", lengths, "must have one entry per axis")
     if not 1 <= n <= lib.SJ_AXES:
         raise InputError("start", n, f"must be 1 .. {lib.SJ_AXES} axes")
-    for i, (target, limit) in enumerate(zip(targets, limits, strict=True)):
-        if not isinstance(limit, Limits):
-            raise InputError(f"limits[{i}]", limit, "must be a Limits")
-        check_target(f"target[{i}]", target, limit)
-    plans = ffi.new("sj_plan[]", n)
-    mode = ffi.new("int32_t *", code)
-    status = lib.sj_plan_samples(
-        n,
-        T,
-        ffi.new("sj_state[]", [(s.position, s.velocity, s.acceleration) for s in starts]),
-        ffi.new("sj_state[]", [(s.position, s.velocity, 0.0) for s in targets]),
-        ffi.new("sj_limits[]", [limit._per_cycle(T)[0] for limit in limits]),
-        least,
-        mode,
-        plans,
-    )
-    if status != 0:
+    _check_targets(targets, limits)
+    plans, mode = _new(_PLAN_ARRAY, n), _new(_INT, code)
+    begin, end = (b"".join([state._c for state in states]) for states in (starts, targets))
+    rows = b"".join([limit._per_cycle(T) for limit in limits])
+    status = lib.sj_plan_samples(n, T, begin, end, rows, least, mode, plans)
+    if status:
         _fail(status, "target", targets, limits)
+    ranges = [limit.position for limit in limits]
     if single:
-        return Profile._of(plans + 0, T, starts[0], targets[0], limits[0], plans)
-    return Motion(plans, T, starts, targets, limits, _NAMES[mode[0]])
+        return Profile._of(plans + 0, T, starts[0], targets[0], ranges[0], plans)
+    return Motion(plans, T, n, begin, end, ranges, mode[0])
 
 
 def plan_velocity(
@@ -296,10 +318,10 @@ def plan_velocity(
     velocity = real("velocity", velocity)
     if abs(velocity) > limits.velocity:
         raise InputError("velocity", velocity, f"must lie within +-{limits.velocity!r}")
-    made, end = ffi.new("sj_plan *"), ffi.new("double *")
+    made, end = _new(_PLAN), ffi.new("double *")
     status = lib.sj_plan_sample_velocity(
         cycle_time,
-        ffi.new("sj_state *", (state.position, state.velocity, state.acceleration)),
+        state._c,
         velocity,
         limits._per_cycle(cycle_time),
         made,
@@ -307,7 +329,7 @@ def plan_velocity(
     )
     if status != 0:
         _fail(status, "velocity", velocity, limits)
-    return Profile._of(made, cycle_time, state, State(end[0], velocity), limits)
+    return Profile._of(made, cycle_time, state, State(end[0], velocity), limits.position)
 
 
 def plan_many(
@@ -332,7 +354,7 @@ def plan_many(
     n, step = len(begin), 1
     if isinstance(limits, Limits):
         _check_range(end, limits, slice(None))
-        c_limits, step = limits._per_cycle(T), 0
+        c_limits, step = ffi.from_buffer("sj_limits[]", limits._per_cycle(T)), 0
         given = n
     elif isinstance(limits, np.ndarray):
         table = _limit_rows(limits) * np.array([T, T**2, T**3, T**2, T**3])
@@ -341,30 +363,48 @@ def plan_many(
     else:
         for i, limit in enumerate(limits):
             _check_range(end, limit, slice(i, i + 1))
-        c_limits = ffi.new("sj_limits[]", [limit._per_cycle(T)[0] for limit in limits])
+        c_limits = ffi.from_buffer("sj_limits[]", b"".join([k._per_cycle(T) for k in limits]))
         given = len(limits)
     if len(end) != n or given != n:
         raise InputError("start, target, limits", (n, len(end), given), "must be of one length")
     raw = np.empty(n, dtype=_PLAN_DTYPE)
-    failed = ffi.new("int64_t *")
-    status = lib.sj_plan_rows(
-        n,
-        T,
-        ffi.from_buffer("double[]", begin),
-        begin.shape[1],
-        ffi.from_buffer("double[]", end),
-        end.shape[1],
-        c_limits,
-        step,
-        ffi.cast("sj_plan *", ffi.from_buffer(raw)),
-        failed,
-    )
-    if status != 0:
-        row = int(failed[0])
+    starts, ends = (ffi.from_buffer("double[]", rows) for rows in (begin, end))
+    made = ffi.cast("sj_plan *", ffi.from_buffer(raw))
+
+    def run(first: int, last: int) -> tuple[int, int]:
+        """Rows first .. last - 1: status, and the row that failed."""
+        failed = ffi.new("int64_t *")
+        status = lib.sj_plan_rows(
+            last - first,
+            T,
+            starts + first * begin.shape[1],
+            begin.shape[1],
+            ends + first * end.shape[1],
+            end.shape[1],
+            c_limits + first * step,
+            step,
+            made + first,
+            failed,
+        )
+        return status, first + int(failed[0])
+
+    for status, row in _in_parallel(run, n):
+        if status == 0:
+            continue
         state = (begin[row].tolist(), end[row].tolist())
         shown = limits if isinstance(limits, Limits) else limits[row]
         _fail(status, f"row {row}", state, shown)
     return Plans(raw["cycles"], T, raw)
+
+
+def _in_parallel(run: Callable[[int, int], tuple[int, int]], n: int) -> list[tuple[int, int]]:
+    """Rows 0 .. n - 1 in as many parts as there are processors for us, if it is worth a thread."""
+    parts = min(len(os.sched_getaffinity(0)), n // _ROWS_PER_THREAD)
+    if parts < 2:
+        return [run(0, n)]
+    cuts = [n * i // parts for i in range(parts + 1)]
+    with ThreadPoolExecutor(parts) as pool:
+        return list(pool.map(run, cuts[:-1], cuts[1:]))
 
 
 def _check_range(end: FloatArray, limits: Limits, rows: slice) -> None:
@@ -402,12 +442,33 @@ def _rows(name: str, value: ArrayLike, most: int) -> FloatArray:
 
 
 def _states(name: str, values: Any) -> list[State]:
-    if not isinstance(values, Sequence) or isinstance(values, str):
+    if not _is_sequence(values):
         raise InputError(name, values, "must be a State, a number, or a sequence of them")
     return [
-        value if isinstance(value, State) else State(real(f"{name}[{i}]", value))
+        value if value.__class__ is State else _state(f"{name}[{i}]", value)
         for i, value in enumerate(values)
     ]
+
+
+def _unpacked(rows: bytes) -> list[State]:
+    return [State(*row) for row in struct.iter_unpack("3d", rows)]
+
+
+def _is_sequence(value: Any) -> bool:
+    if value.__class__ is list or value.__class__ is tuple:
+        return True
+    return isinstance(value, Sequence) and not isinstance(value, str)
+
+
+def _state(name: str, value: Any) -> State:
+    return value if isinstance(value, State) else State(real(name, value))
+
+
+def _check_targets(targets: Sequence[State], limits: Sequence[Any]) -> None:
+    for i, (target, limit) in enumerate(zip(targets, limits, strict=True)):
+        if not isinstance(limit, Limits):
+            raise InputError(f"limits[{i}]", limit, "must be a Limits")
+        check_target(f"target[{i}]", target, limit)
 
 
 def code_of(synchronization: str) -> int:

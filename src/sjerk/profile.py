@@ -8,8 +8,9 @@ interpolator. Unit-free in position; time is in seconds. Never here: clocks, sha
 from __future__ import annotations
 
 import math
+import struct
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import product
 from typing import Any, Literal, NamedTuple
 
@@ -28,7 +29,7 @@ ROUNDING_SLACK = 1e-11
 CYCLES_MAX: int = lib.SJ_CYCLES_MAX
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Limits:
     """Kinematic limits of one axis, magnitudes in its own unit and seconds.
 
@@ -47,6 +48,7 @@ class Limits:
     deceleration: float | None = None
     deceleration_jerk: float | None = None
     position: tuple[float, float] | None = None
+    _c: dict[float, bytes] = field(init=False, repr=False, compare=False, default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.position is not None:
@@ -106,28 +108,23 @@ class Limits:
         ]
         return cls(velocity, acceleration, jerks[0], braking, jerks[1], position)
 
-    def _per_cycle(self, cycle_time: float) -> Any:
-        """The limits as ``sj_limits *`` per cycle; made once per cycle time."""
-        try:
-            return self.__dict__["_c"][cycle_time]
-        except KeyError:
+    def _per_cycle(self, cycle_time: float) -> bytes:
+        """The limits per cycle as the memory of an ``sj_limits``; made once per cycle time."""
+        made = self._c.get(cycle_time)
+        if made is None:
             T = positive("cycle_time", cycle_time)
             deceleration, deceleration_jerk = self.braking
-            made = ffi.new(
-                "sj_limits *",
-                (
-                    self.velocity * T,
-                    self.acceleration * T**2,
-                    self.jerk * T**3,
-                    deceleration * T**2,
-                    deceleration_jerk * T**3,
-                ),
+            made = struct.pack(
+                "5d",
+                self.velocity * T,
+                self.acceleration * T**2,
+                self.jerk * T**3,
+                deceleration * T**2,
+                deceleration_jerk * T**3,
             )
-            self.__dict__.setdefault("_c", {})[cycle_time] = made
-            return made
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {k: v for k, v in self.__dict__.items() if k != "_c"}
+            if self.position is None:  # else every target has to be looked at
+                self._c[cycle_time] = made
+        return made
 
     @property
     def braking(self) -> tuple[float, float]:
@@ -137,7 +134,7 @@ class Limits:
         return self.deceleration, self.deceleration_jerk
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class State:
     """Position, velocity and acceleration of one axis at one moment.
 
@@ -148,10 +145,16 @@ class State:
     position: float
     velocity: float = 0.0
     acceleration: float = 0.0
+    #: The memory of an ``sj_state``, made once for every later call.
+    _c: bytes = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        for name in ("position", "velocity", "acceleration"):
-            object.__setattr__(self, name, real(name, getattr(self, name)))
+        numbers = [
+            real(name, getattr(self, name)) for name in ("position", "velocity", "acceleration")
+        ]
+        for name, number in zip(("position", "velocity", "acceleration"), numbers, strict=True):
+            object.__setattr__(self, name, number)
+        object.__setattr__(self, "_c", struct.pack("3d", *numbers))
 
 
 @dataclass(frozen=True)
@@ -266,7 +269,7 @@ class Profile:
         cycle_time: float,
         start: State,
         end: State,
-        limits: Limits,
+        position_range: tuple[float, float] | None,
         owner: Any = None,
     ) -> Profile:
         """A profile of a finished ``sj_plan *``; ``owner`` keeps its memory."""
@@ -276,7 +279,7 @@ class Profile:
         self._cycle_time = cycle_time
         self._start = start
         self._end = end
-        self._range = limits.position
+        self._range = position_range
         self._phases = self._way = None
         return self
 
@@ -412,7 +415,7 @@ class Profile:
         table.rows = rows
         columns = [_c_column(name, getattr(out, name), rows) for name in COLUMNS]
         table.time, table.position, table.velocity, table.acceleration, table.jerk = columns
-        ends = _c_state(self._start), _c_state(self._end)
+        ends = self._start._c, self._end._c
         if lib.sj_sample(self._c_plan, *ends, self._cycle_time, table) != lib.SJ_LOAD_OK:
             raise InputError("phases", self.phases, "must lead from start to end in whole cycles")
 
@@ -458,10 +461,6 @@ def _c_column(name: str, column: FloatArray, rows: int) -> Any:
         has = (column.shape, str(column.dtype))
         raise InputError(f"out.{name}", has, f"must be float64 of shape ({rows},)")
     return ffi.from_buffer("double[]", column, require_writable=True)
-
-
-def _c_state(state: State) -> Any:
-    return ffi.new("sj_state *", (state.position, state.velocity, state.acceleration))
 
 
 # ---- the paper's closed form, Eqs. (7)-(14) ------------------------------------------------------
