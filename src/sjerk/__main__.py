@@ -12,6 +12,7 @@ from pathlib import Path
 from sjerk import demo
 from sjerk.errors import SjerkError
 from sjerk.handshake import clean
+from sjerk.ports import canopen
 from sjerk.trajectory import shipped_recording
 
 
@@ -36,6 +37,9 @@ def arguments() -> argparse.ArgumentParser:
     job = jobs.add_parser("clean", help="remove the segments of kernels that are dead")
     job.add_argument("--dry-run", action="store_true", help="list, remove nothing")
     job.set_defaults(run=_clean)
+    job = jobs.add_parser("drive", help="be a simulated CiA 402 drive on a CANopen bus")
+    canopen.add_arguments(job)
+    job.set_defaults(run=canopen.run)
     return parser
 
 

@@ -5,7 +5,7 @@
  */
 #include <stdint.h> /* the contract's integer types */
 #include <stddef.h> /* offsetof */
-#include "_kernel.h"
+#include "_drive.h" /* what the rooms of the drive share */
 
 typedef enum { REAL, UNSIGNED, SIGNED } kind;
 
@@ -47,6 +47,7 @@ static const field FIELDS[] = {
     FIELD(jump_factor, REAL, 1e-6, 1e6),
     FIELD(stream_acceleration_rev_s2, REAL, 0.0, 1e9),
     FIELD(stream_jerk_rev_s3, REAL, 0.0, 1e15),
+    FIELD(profile_jerk_rev_s3, REAL, 1e-3, 1e9),
     FIELD(switch_negative_rev, REAL, -1e9, 1e9),
     FIELD(switch_positive_rev, REAL, -1e9, 1e9),
     FIELD(switch_home_rev, REAL, -1e9, 1e9),
@@ -65,10 +66,17 @@ static const field FIELDS[] = {
     FIELD(following_time_ms, UNSIGNED, 0.0, 65535.0),
     FIELD(position_window, UNSIGNED, 0.0, U32_MAX),
     FIELD(position_time_ms, UNSIGNED, 0.0, 65535.0),
+    FIELD(velocity_window, UNSIGNED, 0.0, 65535.0),
+    FIELD(velocity_time_ms, UNSIGNED, 0.0, 65535.0),
+    FIELD(velocity_threshold, UNSIGNED, 0.0, 65535.0),
+    FIELD(threshold_time_ms, UNSIGNED, 0.0, 65535.0),
     FIELD(max_profile_velocity, UNSIGNED, 1.0, U32_MAX),
+    FIELD(profile_velocity, UNSIGNED, 1.0, U32_MAX),
+    FIELD(profile_acceleration, UNSIGNED, 1.0, U32_MAX),
     FIELD(profile_deceleration, UNSIGNED, 1.0, U32_MAX),
     FIELD(quick_stop_deceleration, UNSIGNED, 1.0, U32_MAX),
     FIELD(max_acceleration, UNSIGNED, 1.0, U32_MAX),
+    FIELD(max_deceleration, UNSIGNED, 1.0, U32_MAX),
     FIELD(max_torque, UNSIGNED, 0.0, 65535.0),
     FIELD(torque_limit_positive, UNSIGNED, 0.0, 65535.0),
     FIELD(torque_limit_negative, UNSIGNED, 0.0, 65535.0),
@@ -79,6 +87,7 @@ static const field FIELDS[] = {
     FIELD(fault_option, SIGNED, 0.0, 4.0),
     FIELD(abort_option, SIGNED, 0.0, 3.0),
     FIELD(jump_option, SIGNED, 0.0, 2.0),
+    FIELD(positioning_option, SIGNED, 0.0, 2.0),
     FIELD(sync_extrapolation, UNSIGNED, 0.0, 65535.0),
     FIELD(sync_error_limit, UNSIGNED, 1.0, 65535.0),
     FIELD(home_offset, SIGNED, I32_MIN, I32_MAX),
@@ -128,6 +137,7 @@ void sj_drive_config_default(sj_drive_config *config)
         .jump_factor = 1.1,
         .stream_acceleration_rev_s2 = 0.0,
         .stream_jerk_rev_s3 = 0.0,
+        .profile_jerk_rev_s3 = 10000.0,
         .switch_negative_rev = -1e9,
         .switch_positive_rev = 1e9,
         .switch_home_rev = 1e9,
@@ -146,10 +156,17 @@ void sj_drive_config_default(sj_drive_config *config)
         .following_time_ms = 0,
         .position_window = 10,
         .position_time_ms = 0,
+        .velocity_window = 65535,
+        .velocity_time_ms = 0,
+        .velocity_threshold = 65535,
+        .threshold_time_ms = 0,
         .max_profile_velocity = 1677721600,
+        .profile_velocity = 167772160,
+        .profile_acceleration = 1677721600,
         .profile_deceleration = 1677721600,
         .quick_stop_deceleration = 4194304000,
         .max_acceleration = UINT32_MAX,
+        .max_deceleration = UINT32_MAX,
         .max_torque = 3500,
         .torque_limit_positive = 3500,
         .torque_limit_negative = 3500,
@@ -160,6 +177,7 @@ void sj_drive_config_default(sj_drive_config *config)
         .fault_option = 2,
         .abort_option = 1,
         .jump_option = SJ_JUMP_FAULT,
+        .positioning_option = 0,
         .sync_extrapolation = 3,
         .sync_error_limit = 12,
         .home_offset = 0,

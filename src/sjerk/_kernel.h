@@ -256,6 +256,8 @@ enum {                                  /* statusword 6041h */
 
 enum {                                  /* modes of operation 6060h */
     SJ_MODE_NONE = 0,
+    SJ_MODE_PROFILE_POSITION = 1,
+    SJ_MODE_PROFILE_VELOCITY = 3,
     SJ_MODE_HOMING = 6,
     SJ_MODE_CSP = 8,
     SJ_MODE_CSV = 9,
@@ -284,6 +286,13 @@ enum {                                  /* faults by name; codes and reactions i
     SJ_FAULT_REFERENCE_LIMIT = 12,
     SJ_FAULT_SYNC = 13,
     SJ_FAULTS = 14
+};
+
+enum {                                  /* phases of homing */
+    SJ_HOMING_IDLE = 0,
+    SJ_HOMING_SEARCH = 1,               /* for the switch or the index pulse */
+    SJ_HOMING_BACK = 2,                 /* off the switch */
+    SJ_HOMING_STOPPING = 3
 };
 
 enum {                                  /* findings of the verdict on the stream of targets */
@@ -323,6 +332,7 @@ typedef struct {
     double jump_factor;                 /* jump limit = speed limit x period x factor */
     double stream_acceleration_rev_s2;  /* limit of the verdict; 0 = peak torque / inertia */
     double stream_jerk_rev_s3;          /* limit of the verdict; 0 = not judged */
+    double profile_jerk_rev_s3;         /* of modes 1 and 3 */
     double switch_negative_rev;         /* limit switch closed below; closed never if <= -1e9 */
     double switch_positive_rev;         /* limit switch closed above; closed never if >= 1e9 */
     double switch_home_rev;             /* home switch closed above */
@@ -342,10 +352,17 @@ typedef struct {
     uint32_t following_time_ms;         /* 6066h */
     uint32_t position_window;           /* 6067h; FFFFFFFFh = off */
     uint32_t position_time_ms;          /* 6068h */
+    uint32_t velocity_window;           /* 606Dh, pu/s */
+    uint32_t velocity_time_ms;          /* 606Eh */
+    uint32_t velocity_threshold;        /* 606Fh, pu/s */
+    uint32_t threshold_time_ms;         /* 6070h */
     uint32_t max_profile_velocity;      /* 607Fh, pu/s */
+    uint32_t profile_velocity;          /* 6081h, pu/s */
+    uint32_t profile_acceleration;      /* 6083h, pu/s^2 */
     uint32_t profile_deceleration;      /* 6084h, pu/s^2 */
     uint32_t quick_stop_deceleration;   /* 6085h, pu/s^2 */
     uint32_t max_acceleration;          /* 60C5h, pu/s^2; FFFFFFFFh = off */
+    uint32_t max_deceleration;          /* 60C6h, pu/s^2; FFFFFFFFh = off */
     uint32_t max_torque;                /* 6072h, 0.1 % of rated */
     uint32_t torque_limit_positive;     /* 60E0h */
     uint32_t torque_limit_negative;     /* 60E1h */
@@ -356,6 +373,7 @@ typedef struct {
     int32_t fault_option;               /* 605Eh 0..4 */
     int32_t abort_option;               /* 6007h 0..3 */
     int32_t jump_option;                /* SJ_JUMP_... */
+    int32_t positioning_option;         /* 60F2h: relative to 0 the target, 1 demand, 2 actual */
     uint32_t sync_extrapolation;        /* missed SYNCs in a row bridged by the last velocity */
     uint32_t sync_error_limit;          /* 10F1h:2: +3 per missed, -1 per good; FFFFh = off */
     int32_t home_offset;                /* 607Ch */
@@ -375,6 +393,8 @@ typedef struct {                        /* what a period brings: the RxPDO */
     int32_t target_velocity;            /* 60FFh */
     int16_t target_torque;              /* 6071h */
     int16_t torque_offset;              /* 60B2h */
+    uint32_t digital_outputs;           /* 60FEh:1; bit 0 closes the brake */
+    uint32_t output_mask;               /* 60FEh:2; only these bits count */
 } sj_drive_rx;
 
 typedef struct {                        /* what the period gives: the TxPDO */
@@ -413,6 +433,22 @@ typedef struct {                        /* what the state machine decides upon *
     uint8_t cause;                      /* the cause of a fault is still there */
     uint8_t standing;                   /* the motor stands, a stop has ended */
 } sj_drive_input;
+
+enum {                                  /* what a drive in mode 1 or 3 wants planned */
+    SJ_REQUEST_NONE = 0,
+    SJ_REQUEST_MOVE = 1,
+    SJ_REQUEST_VELOCITY = 2
+};
+
+typedef struct {                        /* from the demand at hand; increments and periods */
+    int32_t kind;                       /* SJ_REQUEST_... */
+    int32_t pad;
+    double distance;                    /* of a move that ends at rest */
+    double goal;                        /* velocity */
+    double velocity;                    /* at the start */
+    double acceleration;
+    sj_limits limits;
+} sj_drive_request;
 
 enum {                                  /* what a servo period is to control */
     SJ_SERVO_OFF = 0,
@@ -494,12 +530,18 @@ typedef struct {
     sj_drive_point demand;
     double demand_fraction;             /* of an increment, left by ramps */
     double demand_velocity;             /* increments per period at its end */
+    double demand_acceleration;         /* increments per period^2, of a plan */
     double torque_demand_nm;
+    sj_drive_request request;
+    sj_plan plan;                       /* being executed in modes 1 and 3 */
+    int64_t plan_left;                  /* periods of its present phase */
+    int64_t goal_units;                 /* 607Ah of the set-point, within 607Bh */
+    double goal_velocity;               /* increments per period */
     int64_t ratio_units;                /* pu = increments * ratio_units / ratio_increments */
     int64_t ratio_increments;
     int64_t range;                      /* pu in one wrap of 607Bh */
     int64_t jump_limit;                 /* pu per period */
-    int64_t encoder_seen;               /* increments at the last conversion to pu */
+    int64_t homing_turn;                /* index pulses counted when the search began */
     uint64_t cycles;
     uint32_t causes;                    /* bit n = fault n injected and still there */
     uint32_t transitions;               /* bit n = transition n ran in this cycle */
@@ -510,7 +552,12 @@ typedef struct {
     int32_t limited;                    /* statusword bit 11 of this cycle */
     int32_t missed_in_row;
     int32_t sync_errors;
-    int32_t homing;                     /* phase of the homing method */
+    int32_t plan_phase;                 /* -1: none */
+    int32_t goal_set;                   /* a goal exists: 1 position, 2 velocity */
+    int32_t goal_waits;                 /* a second set-point until the first is reached */
+    int32_t acknowledged;               /* statusword bit 12 of mode 1 */
+    int64_t waiting_units;
+    int32_t homing;                     /* SJ_HOMING_... */
     int32_t homed;                      /* a reference exists */
     int32_t homing_error;
     int32_t resync;                     /* adopt the actual position before following again */
@@ -519,12 +566,14 @@ typedef struct {
     int32_t local;                      /* 1: the controlword is not obeyed */
     uint32_t following_cycles;          /* spent outside the following window */
     uint32_t window_cycles;             /* spent inside the position window */
+    uint32_t velocity_cycles;           /* spent inside the velocity window */
+    uint32_t moving_cycles;             /* spent above the velocity threshold */
     uint32_t stop_cycles;               /* since the end of a stop's ramp */
-    uint16_t controlword;               /* of the cycle before */
+    uint16_t controlword;               /* the one that counts in this cycle */
+    uint16_t controlword_before;
     uint16_t error_code;                /* 603Fh */
     uint8_t following_error;            /* statusword bit 13 */
     uint8_t standing;
-    uint8_t pad8[6];
 } sj_drive;
 
 void sj_drive_config_default(sj_drive_config *config);          /* SGM7J-04A at 1 ms */
@@ -533,25 +582,20 @@ void sj_drive_config_default(sj_drive_config *config);          /* SGM7J-04A at 
  * end there do not fit each other. */
 int32_t sj_drive_config_check(const sj_drive_config *config);
 const char *sj_drive_config_field(int32_t field, double *low, double *high);
-/* pu = increments * *units / *increments, reduced; 0 when a term exceeds 2^30. */
-int32_t sj_drive_ratio(const sj_drive_config *config, int64_t *units, int64_t *increments);
 
 int32_t sj_drive_init(sj_drive *drive, const sj_drive_config *config);      /* as the check */
 int32_t sj_drive_configure(sj_drive *drive, const sj_drive_config *config); /* keeps the motion */
+void sj_drive_rescale(sj_drive *drive);      /* positions in pu anew from the encoder's increments */
 void sj_drive_cycle(sj_drive *drive, const sj_drive_rx *rx, sj_drive_tx *tx);
+/* The same with modes 1 and 3: what the drive asks for is planned at the period's end. */
+void sj_drive_cycle_planned(sj_drive *drive, const sj_drive_rx *rx, sj_drive_tx *tx);
+void sj_drive_cycle_many(sj_drive *drives, const sj_drive_rx *rx, sj_drive_tx *tx, int32_t count);
 void sj_drive_inject(sj_drive *drive, int32_t fault, int32_t present);
 uint16_t sj_drive_fault_code(int32_t fault);                    /* 603Fh of a named fault */
 
 /* The bare state machine: next state; bit n of *transitions is set when transition n ran. */
 int32_t sj_drive_next(int32_t state, const sj_drive_input *input, uint32_t *transitions);
 uint16_t sj_drive_state_bits(int32_t state);                    /* statusword bits 0-3, 5, 6 */
-
-void sj_servo_prepare(sj_servo_constants *constants, const sj_drive_config *config);
-void sj_servo_period(sj_servo *servo, const sj_servo_constants *constants,
-                     const sj_servo_command *command);
-
-/* One period of demand: velocity towards a goal, increments per period and per period^2. */
-void sj_drive_ramp_to(sj_drive *drive, sj_servo_command *command, double goal, double acceleration);
 
 /* The master's side of the words. */
 uint16_t sj_master_controlword(uint16_t statusword, int32_t enable, int32_t reset);
@@ -560,8 +604,6 @@ int32_t sj_master_follows(uint16_t statusword);                 /* enabled and f
 int32_t sj_master_fault(uint16_t statusword);                   /* FAULT or its reaction */
 
 void sj_verdict_clear(sj_drive_verdict *verdict);
-void sj_verdict_pause(sj_drive_verdict *verdict);               /* the stream is interrupted */
-void sj_verdict_judge(sj_drive *drive, int64_t step);           /* one target followed, pu */
 
 /* ---- wiring: interpolator and kernel cycle (_kernel.c) --------------------------------------- */
 

@@ -9,14 +9,12 @@
 #include <stdint.h> /* the contract's integer types */
 #include <stddef.h> /* required by the contract */
 #include <math.h>   /* exp and ceil while preparing; nothing in the inner step */
-#include "_kernel.h"
-
-static const double TWO_PI = 6.283185307179586476925286766559;
+#include "_drive.h" /* what the rooms of the drive share */
 
 void sj_servo_prepare(sj_servo_constants *c, const sj_drive_config *config)
 {
     const double inertia = config->inertia_kg_m2 * (1.0 + config->load_inertia_ratio);
-    const double gain = TWO_PI * config->velocity_bandwidth_hz * inertia;
+    const double gain = SJ_TWO_PI * config->velocity_bandwidth_hz * inertia;
 
     /* The next multiple of the period at or above the wanted rate; 1e-9 forgives its rounding. */
     c->steps = (int32_t)ceil(config->period_s * config->inner_rate_hz * (1.0 - 1e-9));
@@ -25,7 +23,7 @@ void sj_servo_prepare(sj_servo_constants *c, const sj_drive_config *config)
     c->step_s = config->period_s / c->steps;
     c->steps_inverse = 1.0 / c->steps;
     c->increments_per_rad =
-        (double)config->encoder_increments / config->encoder_revolutions / TWO_PI;
+        (double)config->encoder_increments / config->encoder_revolutions / SJ_TWO_PI;
     c->position_gain = config->position_gain_per_s / c->increments_per_rad;
     c->velocity_feedforward = config->velocity_feedforward;
     c->velocity_gain = gain;
@@ -39,7 +37,7 @@ void sj_servo_prepare(sj_servo_constants *c, const sj_drive_config *config)
     c->brake_torque_nm = config->brake_torque_nm;
     c->inertia_kg_m2 = inertia;
     c->inertia_inverse = 1.0 / inertia;
-    c->speed_bound_rad_s = 4.0 * config->max_speed_rpm * TWO_PI / 60.0;
+    c->speed_bound_rad_s = 4.0 * config->max_speed_rpm * SJ_TWO_PI / 60.0;
 }
 
 static double clamp(double value, double low, double high)
@@ -87,8 +85,8 @@ void sj_servo_period(sj_servo *servo, const sj_servo_constants *c, const sj_serv
 
         if (control != SJ_SERVO_OFF) {
             /* velocity command: position loop with feed-forward, or the interpolated target */
-            const double feed = command->velocity_start_rad_s +
-                                (command->velocity_end_rad_s - command->velocity_start_rad_s) * part;
+            const double change = command->velocity_end_rad_s - command->velocity_start_rad_s;
+            const double feed = command->velocity_start_rad_s + change * part;
             double target = feed;
             if (control == SJ_SERVO_POSITION) {
                 const int64_t behind = (int64_t)((uint64_t)command->demand - (uint64_t)encoder);

@@ -2,13 +2,13 @@
  *
  * Targets are integers, so each is up to half a unit off, and an n-th difference up to 2^(n-1)
  * units: that bound is subtracted before anything is judged or kept as a maximum. A sample gets
- * one finding, the most telling one; after a finding the history is mended as if the stream had
- * been right, so that one bad sample is one finding and not three.
+ * one finding, the most telling one; after it the history begins anew, so that one bad sample is
+ * one finding and not three.
  * Never here: a reaction. The drive judges, the state machine acts.
  */
 #include <stdint.h> /* the contract's integer types */
 #include <stddef.h> /* required by the contract */
-#include "_kernel.h"
+#include "_drive.h" /* what the rooms of the drive share */
 
 static double magnitude(double value)
 {
@@ -70,13 +70,15 @@ void sj_verdict_judge(sj_drive *drive, int64_t raw_step)
     const double acceleration = certain(change, 2.0) * to_acceleration;
     const double jerk = certain(bend, 4.0) * to_jerk;
     double acceleration_max = drive->constants.inertia_inverse * config->peak_torque_nm *
-                              (1.0 / 6.283185307179586476925286766559);
-    const double object_max = (double)config->max_acceleration * revolution;
+                              (1.0 / SJ_TWO_PI);
+    const int braking = change * verdict->last_step < 0.0;
+    const uint32_t object = braking ? config->max_deceleration : config->max_acceleration;
+    const double object_max = (double)object * revolution;
 
     if (config->stream_acceleration_rev_s2 > 0.0) {
         acceleration_max = config->stream_acceleration_rev_s2;
     }
-    if (config->max_acceleration != UINT32_MAX && object_max < acceleration_max) {
+    if (object != UINT32_MAX && object_max < acceleration_max) {
         acceleration_max = object_max;
     }
     verdict->samples++;
@@ -89,25 +91,27 @@ void sj_verdict_judge(sj_drive *drive, int64_t raw_step)
         keep_max(&verdict->jerk_max_rev_s3, jerk);
     }
 
+    if (verdict->history >= 1 && acceleration > acceleration_max) {
+        if (raw_step == 0) {
+            /* the next is held against the velocity the stream should have kept */
+            note(drive, SJ_FINDING_STALE);
+            return;
+        }
+        /* Half of the way, taken twice, would have been within the limits: the middle of the two
+         * periods lies one and a half periods after the middle of the one before. */
+        if (certain(0.5 * step - verdict->last_step, 2.0) * to_acceleration <=
+            1.5 * acceleration_max) {
+            note(drive, SJ_FINDING_SKIPPED);
+            verdict->history = 0;
+            return;
+        }
+    }
     if (raw_step > drive->jump_limit || raw_step < -drive->jump_limit) {
         note(drive, SJ_FINDING_JUMP);
         verdict->history = 0;
         return;
     }
     if (verdict->history >= 1 && acceleration > acceleration_max) {
-        /* history stays: the velocity and acceleration the stream should have kept */
-        if (raw_step == 0) {
-            note(drive, SJ_FINDING_STALE);
-            return;
-        }
-        /* Half of the way, taken twice, would have been within the limits. */
-        if (certain(0.5 * step - verdict->last_step, 2.0) * to_acceleration <= acceleration_max) {
-            note(drive, SJ_FINDING_SKIPPED);
-            verdict->last_change = 0.5 * step - verdict->last_step;
-            verdict->last_step = 0.5 * step + 0.5 * verdict->last_change;
-            verdict->history = 1; /* the mended velocity is rounded: judge no jerk by it */
-            return;
-        }
         if (acceleration > 2.0 * acceleration_max) {
             note(drive, SJ_FINDING_STEP);
             verdict->last_step = step;
@@ -115,7 +119,7 @@ void sj_verdict_judge(sj_drive *drive, int64_t raw_step)
             return;
         }
         note(drive, SJ_FINDING_ACCELERATION);
-    } else if (velocity * 60.0 > config->max_speed_rpm) {
+    } else if (magnitude(step) - 1.0 > (double)drive->jump_limit / config->jump_factor) {
         note(drive, SJ_FINDING_VELOCITY);
     } else if (verdict->history >= 2 && config->stream_jerk_rev_s3 > 0.0 &&
                jerk > config->stream_jerk_rev_s3) {

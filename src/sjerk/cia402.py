@@ -86,6 +86,9 @@ class Mode(enum.IntEnum):
     """Modes of operation 6060h that the drive has."""
 
     NONE = 0
+    PROFILE_POSITION = 1
+    PROFILE_VELOCITY = 3
+    HOMING = 6
     CSP = 8
     CSV = 9
     CST = 10
@@ -247,7 +250,7 @@ class Jump(enum.IntEnum):
 
 
 class Finding(enum.IntEnum):
-    """What the verdict on the stream of targets names; the order is the order of judgement."""
+    """What the verdict on the stream of targets names; a target gets one name at most."""
 
     JUMP = 0
     STALE = 1
@@ -380,6 +383,7 @@ class DriveConfig:
     jump_factor: float = 1.1
     stream_acceleration_rev_s2: float = 0.0
     stream_jerk_rev_s3: float = 0.0
+    profile_jerk_rev_s3: float = 10000.0
     switch_negative_rev: float = -1e9
     switch_positive_rev: float = 1e9
     switch_home_rev: float = 1e9
@@ -399,10 +403,17 @@ class DriveConfig:
     following_time_ms: int = 0
     position_window: int = 10
     position_time_ms: int = 0
+    velocity_window: int = 65535
+    velocity_time_ms: int = 0
+    velocity_threshold: int = 65535
+    threshold_time_ms: int = 0
     max_profile_velocity: int = 1677721600
+    profile_velocity: int = 167772160
+    profile_acceleration: int = 1677721600
     profile_deceleration: int = 1677721600
     quick_stop_deceleration: int = 4194304000
     max_acceleration: int = 0xFFFFFFFF
+    max_deceleration: int = 0xFFFFFFFF
     max_torque: int = 3500
     torque_limit_positive: int = 3500
     torque_limit_negative: int = 3500
@@ -413,6 +424,7 @@ class DriveConfig:
     fault_option: int = 2
     abort_option: int = 1
     jump_option: int = Jump.FAULT
+    positioning_option: int = 0
     sync_extrapolation: int = 3
     sync_error_limit: int = 12
     home_offset: int = 0
@@ -617,6 +629,15 @@ class Drive:
         _raise_for(lib.sj_drive_configure(self._c, config.to_c()), self._c.config)
         self._config = config
 
+    def restart(self, config: DriveConfig | None = None) -> None:
+        """Power off and on again: words and states are new, the axis stays where it is."""
+        servo = ffi.new("sj_servo *", self._c.servo)
+        self._config = config or self._config
+        _raise_for(lib.sj_drive_init(self._c, self._config.to_c()), self._c.config)
+        self._c.servo = servo[0]
+        self._c.actual.increments = servo.encoder
+        lib.sj_drive_rescale(self._c)
+
     def cycle(
         self,
         controlword: int,
@@ -628,6 +649,8 @@ class Drive:
         torque_offset: int = 0,
         target_velocity: int = 0,
         target_torque: int = 0,
+        digital_outputs: int = 0,
+        output_mask: int = 0,
         sync_missed: bool = False,
     ) -> Feedback:
         """One SYNC period: words in, inner loops, words out.
@@ -645,7 +668,9 @@ class Drive:
         rx.torque_offset = torque_offset
         rx.target_velocity = target_velocity
         rx.target_torque = target_torque
-        lib.sj_drive_cycle(self._c, rx, self._tx)
+        rx.digital_outputs = digital_outputs
+        rx.output_mask = output_mask
+        lib.sj_drive_cycle_planned(self._c, rx, self._tx)
         tx = self._tx
         return Feedback(
             StatusWord(tx.statusword),

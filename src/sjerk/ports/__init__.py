@@ -1,0 +1,1 @@
+"""Ports: one module per wire, each behind its own extra."""
