@@ -153,10 +153,34 @@ static double mix_room(const task *t, double n, double p)
     return 2.5e-13 * (fabs(p) + fabs(t->h)) + (n <= 4 ? 3e-11 * (fabs(t->v0) + fabs(t->v1)) : 0);
 }
 
+/* Lands on h by the mix of a path x that falls short and a path y that gets beyond. */
+static void mixed(const task *t, double n, const path *x, double px, const path *y, double py, path *z)
+{
+    int ix = 0, iy = 0, gx = 0, gy = 0;
+    double lambda = py > px ? most(0, least(1, (t->h - px) / (py - px))) : 0;
+    z->count = 0;
+    while (ix < x->count || iy < y->count) {
+        double k = ix < x->count ? x->k[ix] : n;
+        if (iy < y->count) k = least(k, y->k[iy]);
+        double ax = path_at(x, &gx, k), ay = path_at(y, &gy, k);
+        if (z->count < NODES)
+            sj_node(z, k, k <= 0 ? t->a0 : k >= n ? 0 : ax + lambda * (ay - ax));
+        while (ix < x->count && x->k[ix] <= k) ix++;
+        while (iy < y->count && y->k[iy] <= k) iy++;
+    }
+}
+
+static int mix_put(const task *t, const path *z, sj_plan *p)
+{
+    if (p->count + z->count > SJ_PHASES) return 0;
+    sj_path_put(p, z, t);
+    p->kind = SJ_PLAN_MIX;
+    return 1;
+}
+
 /* Exactly n cycles: the convex mix of the two extremes (one jerk limit: the smaller). */
 static int mix_with(const task *t, double j, double n, double *nearest, sj_plan *p)
 {
-    if (!(n >= 1 && n < 67108864.0)) return 0;
     path x, y, z;
     double px = 0, py = 0;
     /* where the last length fell short of being low enough, look at the low one first */
@@ -174,30 +198,164 @@ static int mix_with(const task *t, double j, double n, double *nearest, sj_plan 
             if (py < t->h - mix_room(t, n, py)) return 0;
         }
     }
-    z.count = 0;
-    int ix = 0, iy = 0, gx = 0, gy = 0;
-    double lambda = py > px ? most(0, least(1, (t->h - px) / (py - px))) : 0;
-    while (ix < x.count || iy < y.count) {
-        double k = ix < x.count ? x.k[ix] : n;
-        if (iy < y.count) k = least(k, y.k[iy]);
-        double ax = path_at(&x, &gx, k), ay = path_at(&y, &gy, k);
-        if (z.count < NODES) sj_node(&z, k, k <= 0 ? t->a0 : k >= n ? 0 : ax + lambda * (ay - ax));
-        while (ix < x.count && x.k[ix] <= k) ix++;
-        while (iy < y.count && y.k[iy] <= k) iy++;
+    mixed(t, n, &x, px, &y, py, &z);
+    return mix_put(t, &z, p);
+}
+
+/* ---- two jerks ---- */
+
+/* One side of zero: from a0 >= 0 as high as possible, then down to zero at the real number s of cycles, and zero
+   at the next node. Its nodes are laid from cycle `at` forward (step 1) or backward (step -1). */
+static void side(path *x, double at, double step, double way, double a0, double top, double j, double s)
+{
+    double kink[3], k[8], apex = 0.5 * (s - a0 / j), end = whole(s) < s ? whole(s) + 1 : whole(s);
+    int m = 0, c = 0;
+    if (a0 + j * apex > top) { kink[m++] = (top - a0) / j; kink[m++] = s - top / j; }
+    else kink[m++] = apex;
+    kink[m++] = s;
+    k[c++] = 0;
+    for (int i = 0; i < m; i++)
+        for (int e = 0; e < 2; e++) {
+            double f = whole(kink[i]) + e;
+            if (f > k[c - 1] && f <= end) k[c++] = f;
+        }
+    for (int i = 0; i < c; i++) {
+        double q = k[step > 0 ? i : c - 1 - i];
+        sj_node(x, at + step * q, q <= 0 ? way * a0 : way * most(0, least(least(a0 + j * q, top), j * (s - q))));
     }
-    for (int i = 0; i < z.count; i++)
-        if (j > (z.a[i] > 0 ? t->ju : t->jd) || (i > 0 && z.a[i] * z.a[i - 1] < 0 && j > least(t->ju, t->jd))) return 0;
-    if (p->count + z.count > SJ_PHASES) return 0;
-    sj_path_put(p, &z, t);
-    p->kind = SJ_PLAN_MIX;
+}
+
+/* The length of a side, in [lo, hi], that changes the velocity by dv. */
+static double side_length(double a0, double top, double j, double dv, double lo, double hi)
+{
+    double s = hi, slope, tiny = 2e-16 * (fabs(dv) + j + a0 * (hi + 1));
+    for (int i = 0; i < NEWTON_STEPS; i++) {
+        double f = rise_change(a0, top, j, s, &slope) - dv;
+        if (fabs(f) <= tiny) break;
+        if (f > 0) hi = s; else lo = s;
+        double next = slope > 0 ? s - f / slope : 0.5 * (lo + hi);
+        if (!(next > lo && next < hi)) next = 0.5 * (lo + hi);
+        if (fabs(next - s) <= 2e-16 * (fabs(s) + 1)) break;
+        s = next;
+    }
+    return s;
+}
+
+/* Without a0 < 0: upward acceleration in the first `zero` cycles only, downward in the rest only. Of these paths y
+   gets furthest; x falls far behind. With this one change of sign, on a node, each side has its own jerk, and the
+   mixes of both keep it. */
+static int one_crossing(const task *t, double from, double n, path *x, path *y)
+{
+    double a0 = t->a0, ju = t->ju, jd = t->jd, dv = t->v1 - t->v0, e, g;
+    double first = up(a0 / ju), s0 = least(a0 / ju, first), s, r, zero;
+    if (first > n) return 0;
+    double carried = rise_change(a0, t->au, ju, s0, &e), room = 1e-13 * (t->vmax + fabs(dv));
+    if (t->v0 + carried > t->vmax * (1 + SLACK)) return 0;
+    double below = rise_change(a0, t->au, ju, first, &e) - rise_change(0, t->ad, jd, n - first, &g);
+    if (below > dv) {
+        r = n - first; zero = first;
+        double need = dv + rise_change(0, t->ad, jd, r, &g);
+        if (need < carried - room) return 0;
+        s = side_length(a0, t->au, ju, most(need, carried), s0, first);
+    } else {
+        double lo = first, hi = n + 1, m = whole(0.5 * (first + n));
+        for (int i = 0; i < NEWTON_STEPS && hi - lo > 1; i++) {
+            if (!(m > lo && m < hi)) m = whole(0.5 * (lo + hi));
+            if (m <= lo || m > n) { if (hi > n) { m = n; } else break; }
+            double f = rise_change(a0, t->au, ju, m, &e) - rise_change(0, t->ad, jd, n - m, &g) - dv;
+            if (f > 0) hi = m; else lo = m;
+            if (lo >= n) break;
+            m = e + g > 0 ? whole(m - f / (e + g) + (f > 0 ? 0 : 0.999)) : whole(0.5 * (lo + hi));
+        }
+        s = zero = lo; r = n - lo;
+        double ahead = rise_change(a0, t->au, ju, s, &e);
+        if (lo < n) {
+            double short_drop = rise_change(0, t->ad, jd, r - 1, &g);
+            if (ahead - short_drop >= dv) r = side_length(0, t->ad, jd, ahead - dv, r - 1, r);
+            else {
+                r -= 1; zero += 1;
+                s = side_length(a0, t->au, ju, dv + short_drop, s, zero);
+            }
+        } else if (fabs(ahead - dv) > room) return 0;
+    }
+    if (t->v0 + rise_change(a0, t->au, ju, s, &e) > t->vmax) {
+        double top = most(t->vmax, t->v0 + carried);
+        s = side_length(a0, t->au, ju, top - t->v0, s0, s);
+        r = side_length(0, t->ad, jd, top - t->v1, 0, r);
+    }
+    side(y, from, 1, 1, a0, t->au, ju, s);
+    side(y, from + n, -1, -1, 0, t->ad, jd, r);
+    sj_node(y, from + n, 0);
+    if (dv >= carried) {
+        double l = side_length(a0, t->au, ju, dv, s0, s);
+        side(x, from, 1, 1, a0, t->au, ju, l);
+    } else {
+        side(x, from, 1, 1, a0, t->au, ju, s0);
+        side(x, from + n, -1, -1, 0, t->ad, jd, side_length(0, t->ad, jd, carried - dv, 0, r));
+    }
+    sj_node(x, from + n, 0);
     return 1;
 }
 
-/* The larger jerk first: it serves where the acceleration keeps its sign. */
+/* Two paths of n cycles to (v1, 0) whose mixes keep both jerks; y gets furthest up, x less far. */
+static int pair(const task *t, double n, path *x, path *y)
+{
+    x->count = y->count = 0;
+    if (t->a0 >= 0) {
+        if (!one_crossing(t, 0, n, x, y)) return 0;
+    } else {
+        double back = up(-t->a0 / t->jd), last = back - 1, left = t->a0 + t->jd * last;
+        double v = t->v0 + last * (t->a0 + t->jd * last / 2) + left / 2;
+        task u = *t;
+        u.v0 = v; u.a0 = 0;
+        int ok = n >= back && v >= -t->vmax * (1 + SLACK);
+        if (ok) {
+            sj_node(y, 0, t->a0); sj_node(x, 0, t->a0);
+            sj_node(y, last, left); sj_node(x, last, left);
+            ok = one_crossing(&u, back, n - back, x, y);
+        }
+        if (!ok) {
+            /* never up at all: one jerk is enough */
+            double carry = rise_change(-t->a0, t->ad, t->jd, -t->a0 / t->jd, &v), dv = t->v0 - t->v1;
+            x->count = y->count = 0;
+            if (dv < carry || !extreme(t, t->jd, n, y)) return 0;
+            for (int i = 0; i < y->count; i++) if (y->a[i] > 0) return 0;
+            side(x, 0, 1, -1, -t->a0, t->ad, t->jd, side_length(-t->a0, t->ad, t->jd, dv, -t->a0 / t->jd, n));
+            sj_node(x, n, 0);
+        }
+    }
+    double reach = velocity_scale(t, most(t->ju, t->jd), n), dv = t->v1 - t->v0;
+    return x->k[x->count - 1] <= n && fabs(sj_path_change(x) - dv) <= 1e-13 * reach
+        && fabs(sj_path_change(y) - dv) <= 1e-13 * reach;
+}
+
+/* A mix of exactly n cycles under two jerks. The paths to mix lie in a chain, each two neighbours with the same signs:
+   furthest up, up without return, down without return, furthest down. */
+static int mix_sides(const task *t, double n, double *nearest, sj_plan *p)
+{
+    path up_far, up_near, down_far, down_near, z;
+    task o = mirrored(t);
+    if (!pair(t, n, &up_near, &up_far)) return mix_with(t, least(t->ju, t->jd), n, nearest, p);
+    double far = sj_path_distance(&up_far, t->v0), near = sj_path_distance(&up_near, t->v0), room = mix_room(t, n, far);
+    if (far < t->h - room) return 0;
+    if (near <= t->h) {
+        mixed(t, n, &up_near, near, &up_far, far, &z);
+        return mix_put(t, &z, p);
+    }
+    if (!pair(&o, n, &down_near, &down_far)) return mix_with(t, least(t->ju, t->jd), n, nearest, p);
+    double low = -sj_path_distance(&down_far, o.v0), below = -sj_path_distance(&down_near, o.v0);
+    if (low > t->h + room) { *nearest = low; return 0; }
+    for (int i = 0; i < down_far.count; i++) down_far.a[i] = -down_far.a[i];
+    for (int i = 0; i < down_near.count; i++) down_near.a[i] = -down_near.a[i];
+    if (below >= t->h) mixed(t, n, &down_far, low, &down_near, below, &z);
+    else mixed(t, n, &down_near, below, &up_near, near, &z);
+    return mix_put(t, &z, p);
+}
+
 int sj_mix(const task *t, double n, double *nearest, sj_plan *p)
 {
-    if (t->ju != t->jd && mix_with(t, t->a0 > 0 || t->ju > t->jd ? most(t->ju, t->jd) : t->jd, n, nearest, p)) return 1;
-    return mix_with(t, least(t->ju, t->jd), n, nearest, p);
+    if (!(n >= 1 && n < 67108864.0)) return 0;
+    return t->ju == t->jd ? mix_with(t, t->ju, n, nearest, p) : mix_sides(t, n, nearest, p);
 }
 
 /* The first length from n on that can be mixed, below `longest`; gives up where waiting longer only leads away. */

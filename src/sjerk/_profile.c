@@ -428,7 +428,48 @@ static void come_back(task *t, sj_plan *p)
 }
 
 /* A seven-phase or four-phase plan of a task in the frame that pushes up; what is known of the optimum besides. */
-typedef struct { task t; family f; int found; seven s; four e; double optimum, at_low, direct, short_of; } attempt;
+typedef struct {
+    task t;
+    family f;
+    int found;
+    seven s;
+    four e;
+    double optimum, at_low, direct, short_of;
+    sj_plan head;       /* with two jerks: the acceleration against the push is brought to zero, on a node */
+    task rest;          /* what the seven phases do: t, or what the head leaves */
+} attempt;
+
+static double found_cycles(const attempt *a)
+{
+    if (a->found == SJ_PLAN_CRUISE) return (double)a->head.cycles + seven_cycles(&a->s);
+    if (a->found == SJ_PLAN_EASE) return a->e.n1 + a->e.n2 + a->e.n3 + a->e.n4;
+    return INFINITY;
+}
+
+static void found_put(const attempt *a, sj_plan *p)
+{
+    if (a->found == SJ_PLAN_CRUISE) {
+        for (int i = 0; i < a->head.count; i++) sj_put(p, (double)a->head.phase[i].cycles, a->head.phase[i].jerk);
+        seven_put(p, &a->rest, &a->s);
+    } else
+        four_put(p, &a->t, &a->e);
+    p->kind = a->found;
+}
+
+/* With two jerks an acceleration against the push comes to zero on a node, so that each side of zero has its own. */
+static int cruise_after_zero(attempt *a, int far)
+{
+    task *u = &a->rest;
+    *u = a->t;
+    sj_begin(&a->head);
+    if (u->ju == u->jd || u->a0 >= 0)
+        return by_cruise(u, &a->f, a->at_low, far, &a->s, &a->optimum) ? SJ_PLAN_CRUISE : 0;
+    shed(u, &a->head);
+    family f = family_of(u);
+    int found = by_cruise(u, &f, family_distance(u, &f, f.low), far, &a->s, &a->optimum);
+    a->optimum += (double)a->head.cycles;
+    return found ? SJ_PLAN_CRUISE : 0;
+}
 
 static void best_of_phases(const task *start, attempt *a)
 {
@@ -449,7 +490,7 @@ static void best_of_phases(const task *start, attempt *a)
         a->at_low = family_distance(t, &a->f, a->f.low);
     }
     if (t->h >= a->at_low - room || a->f.vz <= t->v1)
-        a->found = by_cruise(t, &a->f, a->at_low, 0, &a->s, &a->optimum) ? SJ_PLAN_CRUISE : 0;
+        a->found = cruise_after_zero(a, 0);
     else
         a->found = by_easing(t, &a->f, &a->e, &a->optimum) ? SJ_PLAN_EASE : 0;
 }
@@ -479,36 +520,22 @@ static int move(const task *start, sj_plan *p, int again)
         double m = most(1, up(a.direct));
         if (sj_mix_from(&a.t, &m, m + 3, p)) return 1;
     }
-    if (a.found == SJ_PLAN_CRUISE) longest = seven_cycles(&a.s);
-    if (a.found == SJ_PLAN_EASE) longest = a.e.n1 + a.e.n2 + a.e.n3 + a.e.n4;
-    sj_plan split;
-    int shed_first = 0;
-    if (again && start->ju != start->jd && start->a0 != 0 && longest > n + 2) {
-        /* two jerks: zero on a node lets each side have its own, which is mostly shorter than one for both */
-        split = *p;
-        shed_first = by_shedding(start, &split) && (double)(split.cycles - p->cycles) < longest;
-        if (shed_first) longest = (double)(split.cycles - p->cycles);
-    }
+    longest = found_cycles(&a);
     if (longest > n + (a.t.a0 == 0 ? 3 : 2) && sj_mix_from(&a.t, &n, longest, p)) return 1;
-    if (shed_first) { *p = split; return 1; }
     if (!a.found && a.t.v1 != 0) {
         /* no whole length near the shortest works: lose time by a dip of the velocity */
-        task t = mirrored(&a.t);
-        family f = family_of(&t);
-        seven s;
-        double optimum = 0;
-        int found = by_cruise(&t, &f, family_distance(&t, &f, f.low), 1, &s, &optimum);
-        n = most(n, up(optimum));
-        longest = found ? seven_cycles(&s) : INFINITY;
-        if (longest > n + 2 && sj_mix_from(&t, &n, longest, p)) return 1;
-        if (found) { seven_put(p, &t, &s); p->kind = SJ_PLAN_CRUISE; return 1; }
+        attempt d;
+        d.t = mirrored(&a.t);
+        d.f = family_of(&d.t);
+        d.at_low = family_distance(&d.t, &d.f, d.f.low);
+        d.found = cruise_after_zero(&d, 1);
+        n = most(n, up(d.optimum));
+        longest = found_cycles(&d);
+        if (longest > n + 2 && sj_mix_from(&d.t, &n, longest, p)) return 1;
+        if (d.found) { found_put(&d, p); return 1; }
     }
-    if (a.found == SJ_PLAN_CRUISE) seven_put(p, &a.t, &a.s);
-    else if (a.found == SJ_PLAN_EASE) four_put(p, &a.t, &a.e);
-    else if (!again) return 0;
-    else return (start->a0 != 0 && by_shedding(start, p)) || by_stopping(start, INFINITY, p);
-    p->kind = a.found;
-    return 1;
+    if (a.found) { found_put(&a, p); return 1; }
+    return again && ((start->a0 != 0 && by_shedding(start, p)) || by_stopping(start, INFINITY, p));
 }
 
 /* ---- a given length ---- */
