@@ -106,15 +106,25 @@ static double velocity_scale(const task *t, double j, double n)
     return least(2 * t->vmax, fabs(t->v0) + n * least(a + most(t->au, t->ad), a + j * n));
 }
 
+/* Cycles up to the velocity limit and down from it: the same for every length, so found once in a search. */
+static void find_summit(const task *t, double j, double top, double first, summit *m)
+{
+    if (m->known) return;
+    m->s = rise_length(t->a0, t->au, j, top - t->v0, first);
+    m->r = rise_length(0, t->ad, j, top - t->v1, 0);
+    m->known = 1;
+}
+
 /* The legal path of n cycles to (v1, 0) that gets furthest up; 0 if there is none. */
-static int extreme(const task *t, double j, double n, path *x)
+static int extreme(const task *t, double j, double n, summit *m, path *x)
 {
     double dv = t->v1 - t->v0, first = fabs(t->a0) / j, carry = t->v0 + t->a0 * first / 2;
     if (n < first * (1 - SLACK) || fabs(carry) > t->vmax * (1 + SLACK)) return 0;
     double reach = velocity_scale(t, j, n), tiny = 2e-16 * reach;
     /* up to the velocity limit, cruise, and down at the last moment */
     double top = most(t->vmax, carry);
-    double s = rise_length(t->a0, t->au, j, top - t->v0, first), r = rise_length(0, t->ad, j, top - t->v1, 0);
+    find_summit(t, j, top, first, m);
+    double s = m->s, r = m->r;
     if (!(s + r <= n)) {
         /* too short for that: the falling line goes through zero without a rest */
         double lo = least(t->a0 / j, n), hi = n, slope, f = 0, next = s - 0.5 * (s + r - n);
@@ -126,6 +136,9 @@ static int extreme(const task *t, double j, double n, path *x)
             next = slope > 0 ? s - f / slope : 0.5 * (lo + hi);
             if (fabs(next - s) <= 4e-16 * n) break;
             if (!(next >= lo && next <= hi)) next = 0.5 * (lo + hi);
+            /* no root at all? asked late, since it is rare */
+            if (i == 8 && (extreme_change(t, j, n, lo, &slope) > dv + 1e-13 * reach
+                           || extreme_change(t, j, n, hi, &slope) < dv - 1e-13 * reach)) return 0;
             s = next;
         }
         if (!(fabs(f) <= 1e-13 * reach)) return 0;
@@ -179,7 +192,7 @@ static int mix_put(const task *t, const path *z, sj_plan *p)
 }
 
 /* Exactly n cycles: the convex mix of the two extremes (one jerk limit: the smaller). */
-static int mix_with(const task *t, double j, double n, double *nearest, sj_plan *p)
+static int mix_with(const task *t, double j, double n, double *nearest, summit *m, sj_plan *p)
 {
     path x, y, z;
     double px = 0, py = 0;
@@ -188,14 +201,14 @@ static int mix_with(const task *t, double j, double n, double *nearest, sj_plan 
     for (int i = 0; i < 2; i++) {
         if ((i == 0) == low_first) {
             task o = mirrored(t);
-            if (!extreme(&o, j, n, &x)) return 0;
+            if (!extreme(&o, j, n, &m[1], &x)) return 0;
             for (int k = 0; k < x.count; k++) x.a[k] = -x.a[k];
             px = sj_path_distance(&x, t->v0);
             if (px > t->h + mix_room(t, n, px)) { *nearest = px; return 0; }
         } else {
-            if (!extreme(t, j, n, &y)) return 0;
+            if (!extreme(t, j, n, &m[0], &y)) return 0;
             py = sj_path_distance(&y, t->v0);
-            if (py < t->h - mix_room(t, n, py)) return 0;
+            if (py < t->h - mix_room(t, n, py)) { *nearest = py; return 0; }
         }
     }
     mixed(t, n, &x, px, &y, py, &z);
@@ -228,7 +241,9 @@ static void side(path *x, double at, double step, double way, double a0, double 
 /* The length of a side, in [lo, hi], that changes the velocity by dv. */
 static double side_length(double a0, double top, double j, double dv, double lo, double hi)
 {
-    double s = hi, slope, tiny = 2e-16 * (fabs(dv) + j + a0 * (hi + 1));
+    double s = ramp_time(most(0, dv + a0 * a0 / (2 * j)), top, j) - a0 / j;
+    double slope, tiny = 2e-16 * (fabs(dv) + j + a0 * (hi + 1));
+    if (!(s > lo && s < hi)) s = s <= lo ? lo : hi;
     for (int i = 0; i < NEWTON_STEPS; i++) {
         double f = rise_change(a0, top, j, s, &slope) - dv;
         if (fabs(f) <= tiny) break;
@@ -241,16 +256,16 @@ static double side_length(double a0, double top, double j, double dv, double lo,
     return s;
 }
 
-/* Without a0 < 0: upward acceleration in the first `zero` cycles only, downward in the rest only. Of these paths y
-   gets furthest; x falls far behind. With this one change of sign, on a node, each side has its own jerk, and the
-   mixes of both keep it. */
+/* Without a0 < 0: upward acceleration in the first cycles only, downward in the rest only, zero on the node between.
+   So each side has its own jerk, and the mixes of such paths keep it. y is the one that gets furthest; x, which has
+   no more velocity than it needs, falls behind. 0: too few cycles; -1: zero on a node costs the velocity limit. */
 static int one_crossing(const task *t, double from, double n, path *x, path *y)
 {
     double a0 = t->a0, ju = t->ju, jd = t->jd, dv = t->v1 - t->v0, e, g;
     double first = up(a0 / ju), s0 = least(a0 / ju, first), s, r, zero;
     if (first > n) return 0;
     double carried = rise_change(a0, t->au, ju, s0, &e), room = 1e-13 * (t->vmax + fabs(dv));
-    if (t->v0 + carried > t->vmax * (1 + SLACK)) return 0;
+    if (t->v0 + carried > t->vmax * (1 + SLACK)) return -1;
     double below = rise_change(a0, t->au, ju, first, &e) - rise_change(0, t->ad, jd, n - first, &g);
     if (below > dv) {
         r = n - first; zero = first;
@@ -259,6 +274,7 @@ static int one_crossing(const task *t, double from, double n, path *x, path *y)
         s = side_length(a0, t->au, ju, most(need, carried), s0, first);
     } else {
         double lo = first, hi = n + 1, m = whole(0.5 * (first + n));
+        if (rise_change(a0, t->au, ju, n, &e) < dv - room) return 0;
         for (int i = 0; i < NEWTON_STEPS && hi - lo > 1; i++) {
             if (!(m > lo && m < hi)) m = whole(0.5 * (lo + hi));
             if (m <= lo || m > n) { if (hi > n) { m = n; } else break; }
@@ -297,52 +313,61 @@ static int one_crossing(const task *t, double from, double n, path *x, path *y)
     return 1;
 }
 
-/* Two paths of n cycles to (v1, 0) whose mixes keep both jerks; y gets furthest up, x less far. */
+/* Two paths of n cycles to (v1, 0) whose mixes keep both jerks, as one_crossing. */
 static int pair(const task *t, double n, path *x, path *y)
 {
     x->count = y->count = 0;
     if (t->a0 >= 0) {
-        if (!one_crossing(t, 0, n, x, y)) return 0;
+        int ok = one_crossing(t, 0, n, x, y);
+        if (ok != 1) return ok;
     } else {
         double back = up(-t->a0 / t->jd), last = back - 1, left = t->a0 + t->jd * last;
         double v = t->v0 + last * (t->a0 + t->jd * last / 2) + left / 2;
         task u = *t;
         u.v0 = v; u.a0 = 0;
-        int ok = n >= back && v >= -t->vmax * (1 + SLACK);
-        if (ok) {
+        int ok = 0;
+        if (v < -t->vmax * (1 + SLACK)) ok = -1;
+        else if (n >= back) {
             sj_node(y, 0, t->a0); sj_node(x, 0, t->a0);
             sj_node(y, last, left); sj_node(x, last, left);
             ok = one_crossing(&u, back, n - back, x, y);
         }
-        if (!ok) {
+        if (ok != 1) {
             /* never up at all: one jerk is enough */
+            summit m = {0, 0, 0};
             double carry = rise_change(-t->a0, t->ad, t->jd, -t->a0 / t->jd, &v), dv = t->v0 - t->v1;
             x->count = y->count = 0;
-            if (dv < carry || !extreme(t, t->jd, n, y)) return 0;
-            for (int i = 0; i < y->count; i++) if (y->a[i] > 0) return 0;
+            if (dv < carry || ok < 0) return ok;
+            if (!extreme(t, t->jd, n, &m, y)) return 0;
+            for (int i = 0; i < y->count; i++)
+                if (y->a[i] > 0) return 0;
             side(x, 0, 1, -1, -t->a0, t->ad, t->jd, side_length(-t->a0, t->ad, t->jd, dv, -t->a0 / t->jd, n));
             sj_node(x, n, 0);
         }
     }
     double reach = velocity_scale(t, most(t->ju, t->jd), n), dv = t->v1 - t->v0;
     return x->k[x->count - 1] <= n && fabs(sj_path_change(x) - dv) <= 1e-13 * reach
-        && fabs(sj_path_change(y) - dv) <= 1e-13 * reach;
+        && fabs(sj_path_change(y) - dv) <= 1e-13 * reach ? 1 : -1;
 }
 
 /* A mix of exactly n cycles under two jerks. The paths to mix lie in a chain, each two neighbours with the same signs:
    furthest up, up without return, down without return, furthest down. */
-static int mix_sides(const task *t, double n, double *nearest, sj_plan *p)
+static int mix_sides(const task *t, double n, double *nearest, summit *m, sj_plan *p)
 {
     path up_far, up_near, down_far, down_near, z;
     task o = mirrored(t);
-    if (!pair(t, n, &up_near, &up_far)) return mix_with(t, least(t->ju, t->jd), n, nearest, p);
+    int ok = pair(t, n, &up_near, &up_far);
+    if (ok == 0) return 0;
+    if (ok < 0) return mix_with(t, least(t->ju, t->jd), n, nearest, m, p);
     double far = sj_path_distance(&up_far, t->v0), near = sj_path_distance(&up_near, t->v0), room = mix_room(t, n, far);
-    if (far < t->h - room) return 0;
+    if (far < t->h - room) { *nearest = far; return 0; }
     if (near <= t->h) {
         mixed(t, n, &up_near, near, &up_far, far, &z);
         return mix_put(t, &z, p);
     }
-    if (!pair(&o, n, &down_near, &down_far)) return mix_with(t, least(t->ju, t->jd), n, nearest, p);
+    ok = pair(&o, n, &down_near, &down_far);
+    if (ok == 0) return 0;
+    if (ok < 0) return mix_with(t, least(t->ju, t->jd), n, nearest, m, p);
     double low = -sj_path_distance(&down_far, o.v0), below = -sj_path_distance(&down_near, o.v0);
     if (low > t->h + room) { *nearest = low; return 0; }
     for (int i = 0; i < down_far.count; i++) down_far.a[i] = -down_far.a[i];
@@ -352,21 +377,27 @@ static int mix_sides(const task *t, double n, double *nearest, sj_plan *p)
     return mix_put(t, &z, p);
 }
 
-int sj_mix(const task *t, double n, double *nearest, sj_plan *p)
+int sj_mix(const task *t, double n, double *nearest, summit *m, sj_plan *p)
 {
     if (!(n >= 1 && n < 67108864.0)) return 0;
-    return t->ju == t->jd ? mix_with(t, t->ju, n, nearest, p) : mix_sides(t, n, nearest, p);
+    return t->ju == t->jd ? mix_with(t, t->ju, n, nearest, m, p) : mix_sides(t, n, nearest, m, p);
 }
 
-/* The first length from n on that can be mixed, below `longest`; gives up where waiting longer only leads away. */
-int sj_mix_from(const task *t, double *n, double longest, sj_plan *p)
+/* The first length from n on that can be mixed, below `longest`; gives up where waiting longer only leads away. Too
+   short a length tells how many cycles at the velocity limit are missing at least. */
+int sj_mix_from(const task *t, double *n, double longest, summit *m, sj_plan *p)
 {
     double last = INFINITY;
-    for (int i = 0; i < LENGTH_STEPS && *n < longest; i++, *n += 1) {
+    for (int i = 0; i < LENGTH_STEPS && *n < longest; i++) {
         double nearest = last < INFINITY ? last : -INFINITY, before = nearest;
-        if (sj_mix(t, *n, &nearest, p)) return 1;
+        if (sj_mix(t, *n, &nearest, m, p)) return 1;
+        if (nearest != before && nearest < t->h) {
+            *n += most(1, up((t->h - nearest) / t->vmax));
+            continue;
+        }
         if (nearest > last) return 0;
         if (nearest != before) last = nearest;
+        *n += 1;
     }
     return 0;
 }

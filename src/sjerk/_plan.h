@@ -69,8 +69,11 @@ void sj_path_put(sj_plan *p, const path *x, const task *t);
 void sj_node(path *x, double k, double a);
 int sj_ramp(double v0, double a0, double dv, double vmax, double au, double ad, double j, path *x);
 
+/* What a search for a length has learnt, for both directions: cycles up to the velocity limit, and down from it. */
+typedef struct { int known; double s, r; } summit;
+
 /* _mix.c */
-int sj_mix(const task *t, double n, double *nearest, sj_plan *p);
-int sj_mix_from(const task *t, double *n, double longest, sj_plan *p);
+int sj_mix(const task *t, double n, double *nearest, summit *m, sj_plan *p);
+int sj_mix_from(const task *t, double *n, double longest, summit *m, sj_plan *p);
 
 #endif

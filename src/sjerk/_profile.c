@@ -45,6 +45,9 @@ static double family_distance(const task *t, const family *f, double v)
     return f->p0 + (v + f->vs) / 2 * ramp_time(x1, t->au, t->ju) + (v + t->v1) / 2 * ramp_time(x2, t->ad, t->jd);
 }
 
+/* The far root need not exist, and then the way is given up later: few steps serve where it does. */
+enum { FAR_STEPS = 16 };
+
 /* Peak velocity at which the family covers h. In z = sqrt(v - base) the distance is smooth. */
 static double family_peak(const task *t, const family *f, double at_low, int far)
 {
@@ -61,7 +64,8 @@ static double family_peak(const task *t, const family *f, double at_low, int far
     if (far || !(z < hi)) z = hi;
     if (z < lo) z = lo;
     double scale = 1e-13 * (fabs(t->h) + fabs(at_low));
-    for (int i = 0; i < NEWTON_STEPS; i++) {
+    if (!far && x <= 0) return f->low;
+    for (int i = 0; i < (far ? FAR_STEPS : NEWTON_STEPS); i++) {
         v = base + z * z / jb;
         double x1 = v - f->vs, x2 = v - t->v1, t1, t2, d1, d2;
         if (second) x2 = z * z / jb; else x1 = z * z / jb;
@@ -515,23 +519,25 @@ static int move(const task *start, sj_plan *p, int again)
     attempt a;
     best_of_phases(start, &a);
     double n = most(1, up(a.optimum)), longest = INFINITY;
+    summit both[2] = {{0, 0, 0}, {0, 0, 0}};
     if (a.t.a0 < 0 && a.t.v1 < 0 && a.direct > 0 && a.optimum > a.direct + 2
         && a.short_of <= -a.t.a0 / a.t.jd * most(a.t.v0, -a.t.v1)) {
         double m = most(1, up(a.direct));
-        if (sj_mix_from(&a.t, &m, m + 3, p)) return 1;
+        if (sj_mix_from(&a.t, &m, m + 3, both, p)) return 1;
     }
     longest = found_cycles(&a);
-    if (longest > n + (a.t.a0 == 0 ? 3 : 2) && sj_mix_from(&a.t, &n, longest, p)) return 1;
+    if (longest > n + (a.t.a0 == 0 ? 3 : 2) && sj_mix_from(&a.t, &n, longest, both, p)) return 1;
     if (!a.found && a.t.v1 != 0) {
         /* no whole length near the shortest works: lose time by a dip of the velocity */
         attempt d;
+        summit turned[2] = {both[1], both[0]};
         d.t = mirrored(&a.t);
         d.f = family_of(&d.t);
         d.at_low = family_distance(&d.t, &d.f, d.f.low);
         d.found = cruise_after_zero(&d, 1);
         n = most(n, up(d.optimum));
         longest = found_cycles(&d);
-        if (longest > n + 2 && sj_mix_from(&d.t, &n, longest, p)) return 1;
+        if (longest > n + 2 && sj_mix_from(&d.t, &n, longest, turned, p)) return 1;
         if (d.found) { found_put(&d, p); return 1; }
     }
     if (a.found) { found_put(&a, p); return 1; }
@@ -608,7 +614,9 @@ static int in_cycles(const task *t, double n, sj_plan *p)
     if (by_cruise_of(t, n, &s)) { seven_put(p, t, &s); p->kind = SJ_PLAN_CRUISE; return 1; }
     attempt a;
     best_of_phases(t, &a);
-    { double nearest = -INFINITY; return sj_mix(&a.t, n, &nearest, p); }
+    double nearest = -INFINITY;
+    summit both[2] = {{0, 0, 0}, {0, 0, 0}};
+    return sj_mix(&a.t, n, &nearest, both, p);
 }
 
 /* ---- what callers see ---- */
