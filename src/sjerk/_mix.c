@@ -243,14 +243,17 @@ static double side_length(double a0, double top, double j, double dv, double lo,
 {
     double s = ramp_time(most(0, dv + a0 * a0 / (2 * j)), top, j) - a0 / j;
     double slope, tiny = 2e-16 * (fabs(dv) + j + a0 * (hi + 1));
-    if (!(s > lo && s < hi)) s = s <= lo ? lo : hi;
+    s = most(lo, least(hi, s));
     for (int i = 0; i < NEWTON_STEPS; i++) {
         double f = rise_change(a0, top, j, s, &slope) - dv;
         if (fabs(f) <= tiny) break;
         if (f > 0) hi = s; else lo = s;
         double next = slope > 0 ? s - f / slope : 0.5 * (lo + hi);
-        if (!(next > lo && next < hi)) next = 0.5 * (lo + hi);
-        if (fabs(next - s) <= 2e-16 * (fabs(s) + 1)) break;
+        next = most(lo, least(hi, next));
+        if (fabs(next - s) <= 4e-16 * (fabs(s) + 1)) {
+            if (hi - lo <= 4e-16 * (fabs(s) + 1) || slope > 0) break;
+            next = 0.5 * (lo + hi);
+        }
         s = next;
     }
     return s;
@@ -355,25 +358,37 @@ static int pair(const task *t, double n, path *x, path *y)
 static int mix_sides(const task *t, double n, double *nearest, summit *m, sj_plan *p)
 {
     path up_far, up_near, down_far, down_near, z;
-    task o = mirrored(t);
-    int ok = pair(t, n, &up_near, &up_far);
-    if (ok == 0) return 0;
-    if (ok < 0) return mix_with(t, least(t->ju, t->jd), n, nearest, m, p);
-    double far = sj_path_distance(&up_far, t->v0), near = sj_path_distance(&up_near, t->v0), room = mix_room(t, n, far);
-    if (far < t->h - room) { *nearest = far; return 0; }
-    if (near <= t->h) {
-        mixed(t, n, &up_near, near, &up_far, far, &z);
-        return mix_put(t, &z, p);
-    }
-    ok = pair(&o, n, &down_near, &down_far);
-    if (ok == 0) return 0;
-    if (ok < 0) return mix_with(t, least(t->ju, t->jd), n, nearest, m, p);
-    double low = -sj_path_distance(&down_far, o.v0), below = -sj_path_distance(&down_near, o.v0);
-    if (low > t->h + room) { *nearest = low; return 0; }
-    for (int i = 0; i < down_far.count; i++) down_far.a[i] = -down_far.a[i];
-    for (int i = 0; i < down_near.count; i++) down_near.a[i] = -down_near.a[i];
-    if (below >= t->h) mixed(t, n, &down_far, low, &down_near, below, &z);
-    else mixed(t, n, &down_near, below, &up_near, near, &z);
+    double far, near = 0, low, below = 0, room = mix_room(t, n, t->h);
+    /* where the last length fell short of being low enough, look at the low ones first */
+    int low_first = *nearest > -INFINITY;
+    for (int i = 0; i < 2; i++)
+        if ((i == 0) == low_first) {
+            task o = mirrored(t);
+            int ok = pair(&o, n, &down_near, &down_far);
+            if (ok == 0) return 0;
+            if (ok < 0) return mix_with(t, least(t->ju, t->jd), n, nearest, m, p);
+            for (int k = 0; k < down_far.count; k++) down_far.a[k] = -down_far.a[k];
+            for (int k = 0; k < down_near.count; k++) down_near.a[k] = -down_near.a[k];
+            low = sj_path_distance(&down_far, t->v0);
+            below = sj_path_distance(&down_near, t->v0);
+            if (low > t->h + room) { *nearest = low; return 0; }
+            if (below >= t->h) {
+                mixed(t, n, &down_far, low, &down_near, below, &z);
+                return mix_put(t, &z, p);
+            }
+        } else {
+            int ok = pair(t, n, &up_near, &up_far);
+            if (ok == 0) return 0;
+            if (ok < 0) return mix_with(t, least(t->ju, t->jd), n, nearest, m, p);
+            far = sj_path_distance(&up_far, t->v0);
+            near = sj_path_distance(&up_near, t->v0);
+            if (far < t->h - room) { *nearest = far; return 0; }
+            if (near <= t->h) {
+                mixed(t, n, &up_near, near, &up_far, far, &z);
+                return mix_put(t, &z, p);
+            }
+        }
+    mixed(t, n, &down_near, below, &up_near, near, &z);
     return mix_put(t, &z, p);
 }
 
@@ -387,18 +402,21 @@ int sj_mix(const task *t, double n, double *nearest, summit *m, sj_plan *p)
    short a length tells how many cycles at the velocity limit are missing at least. */
 int sj_mix_from(const task *t, double *n, double longest, summit *m, sj_plan *p)
 {
-    double last = INFINITY;
+    double last = INFINITY, at = 0;
     for (int i = 0; i < LENGTH_STEPS && *n < longest; i++) {
-        double nearest = last < INFINITY ? last : -INFINITY, before = nearest;
+        double nearest = last < INFINITY ? last : -INFINITY, before = nearest, step = 1;
         if (sj_mix(t, *n, &nearest, m, p)) return 1;
-        if (nearest != before && nearest < t->h) {
-            *n += most(1, up((t->h - nearest) / t->vmax));
-            continue;
-        }
         if (nearest > last) return 0;
-        if (nearest != before) last = nearest;
-        *n += 1;
+        if (nearest != before) {
+            if (nearest < t->h) step = up((t->h - nearest) / t->vmax);
+            else {
+                /* blocked from above, but coming down, faster with every cycle: part of the way at once */
+                if (last < INFINITY) step = least(4, down(0.6 * (nearest - t->h) / (last - nearest) * (*n - at)));
+                last = nearest;
+                at = *n;
+            }
+        }
+        *n += most(1, step);
     }
     return 0;
 }
-
