@@ -378,7 +378,10 @@ static void come_down(task *t, sj_plan *p)
     }
     path x;
     int above = t->ju == t->jd || (u.a0 <= 0 && u.v0 - u.a0 * u.a0 / (2 * t->jd) >= -t->vmax);
-    if (above && sj_ramp(u.v0, u.a0, -t->vmax - u.v0, -1, t->au, t->ad, t->jd, &x)) {
+    above = above && sj_ramp(u.v0, u.a0, -t->vmax - u.v0, -1, t->au, t->ad, t->jd, &x);
+    /* in whole cycles even the way to zero may fall through: then upward with the other jerk, not here */
+    for (int i = 0; above && t->ju != t->jd && i < x.count; i++) above = x.a[i] <= 0;
+    if (above) {
         double v = u.v0;
         for (int i = 1; i < x.count; i++) {
             double a = x.a[i - 1], m = x.k[i] - x.k[i - 1], jerk = (x.a[i] - a) / m, lo = 0, hi = m;
