@@ -1,20 +1,25 @@
 /* Plans of exactly n cycles by convexity.
 
-   For one jerk limit, a given start and length, the legal acceleration sequences are a convex set and the end is
-   linear in them. Of those that end at (v1, 0) one gets furthest up and one furthest down; if the target lies
-   between, their mix lands on it and keeps every limit, and if it does not, no plan of this length exists (up to
-   the velocity limit, which the extremes meet to within a cycle). The furthest is
+   For one jerk limit, a given start and length, the legal acceleration sequences are a convex set
+   and the end is linear in them. Of those that end at (v1, 0) one gets furthest up and one
+   furthest down; if the target lies between, their mix lands on it and keeps every limit, and if
+   it does not, no plan of this length exists (up to the velocity limit, which the extremes meet
+   to within a cycle). The furthest is
        a_k = max(min(a0 + J k, A, J (s - k)), -D, -J (n - k)),
-   s a real number found from the change of velocity; a cruise at the velocity limit parts the falling line in two.
-   With different jerks the larger is tried and checked, then the smaller used: it is legal everywhere.
+   s a real number found from the change of velocity; a cruise at the velocity limit parts the
+   falling line in two.
+
+   With two jerks the legal sequences are convex only where the sign of the acceleration is settled
+   cycle by cycle. So there paths are mixed that meet zero on a node and have the same signs. Where
+   none serves, all cycles keep the smaller jerk, which is legal everywhere.
 
    Never here: anything but a given length; the search for one is mix_from alone. */
 #include "_plan.h"
 
 /* ---- extremes of a fixed length, and their mix ---- */
 
-/* Acceleration at node k of the path that gets furthest in n cycles: as high as possible, then as low as possible;
-   with a cruise between s (from the start) and r (cycles before the end). */
+/* Acceleration at node k of the path that gets furthest in n cycles: as high as possible, then as
+   low as possible; with a cruise between s (from the start) and r (cycles before the end). */
 static double extreme_at(const task *t, double jerk, double n, double s, double r, double k)
 {
     double mid = k < s ? jerk * (s - k) : n - k < r ? -jerk * (r - (n - k)) : 0;
@@ -51,22 +56,26 @@ static void extreme_path(const task *t, double j, double n, double s, double r, 
         if (x->count >= 2) {
             int e = x->count - 1;
             double d1 = x->k[e] - x->k[e - 1], d2 = k[i] - x->k[e];
-            if (fabs((x->a[e] - x->a[e - 1]) * d2 - (a - x->a[e]) * d1) <= 1e-13 * j * d1 * d2) x->count--;
+            if (fabs((x->a[e] - x->a[e - 1]) * d2 - (a - x->a[e]) * d1) <= 1e-13 * j * d1 * d2)
+                x->count--;
         }
         x->k[x->count] = k[i]; x->a[x->count] = a; x->count++;
     }
 }
 
-/* Velocity change of the furthest path, the falling line crossing zero at s; slope is its change with s. */
+/* Velocity change of the furthest path, the falling line crossing zero at s; slope is its change
+   with s. */
 static double extreme_change(const task *t, double j, double n, double s, double *slope)
 {
-    double a0 = t->a0, apex = 0.5 * (s - a0 / j), xa = apex, xb = apex, foot = 0.5 * (n + s), ya = foot, yb = foot;
+    double a0 = t->a0, apex = 0.5 * (s - a0 / j), xa = apex, xb = apex, foot = 0.5 * (n + s),
+        ya = foot, yb = foot;
     if (a0 + j * apex > t->au) { xa = (t->au - a0) / j; xb = s - t->au / j; }
     if (j * (s - foot) < -t->ad) { ya = s + t->ad / j; yb = n - t->ad / j; }
     double k1 = whole(xa), k2 = whole(xb), k3 = whole(ya), k4 = whole(yb);
     *slope = j * (k3 - k2);
     return a0 / 2 + k1 * (a0 + j * (k1 + 1) / 2) + t->au * (k2 - k1)
-         + (k3 - k2) * (j * (s - 0.5 * (k2 + 1 + k3))) - t->ad * (k4 - k3) - j * (n - k4 - 1) * (n - k4) / 2;
+        + (k3 - k2) * (j * (s - 0.5 * (k2 + 1 + k3)))
+        - t->ad * (k4 - k3) - j * (n - k4 - 1) * (n - k4) / 2;
 }
 /* The same up to the zero crossing only, nodes beyond it at zero. */
 static double rise_change(double a0, double top, double j, double s, double *slope)
@@ -75,7 +84,8 @@ static double rise_change(double a0, double top, double j, double s, double *slo
     if (a0 + j * apex > top) { xa = (top - a0) / j; xb = s - top / j; }
     double k1 = whole(xa), k2 = whole(xb), k3 = whole(s);
     *slope = j * (k3 - k2);
-    return a0 / 2 + k1 * (a0 + j * (k1 + 1) / 2) + top * (k2 - k1) + (k3 - k2) * (j * (s - 0.5 * (k2 + 1 + k3)));
+    return a0 / 2 + k1 * (a0 + j * (k1 + 1) / 2) + top * (k2 - k1)
+        + (k3 - k2) * (j * (s - 0.5 * (k2 + 1 + k3)));
 }
 /* s at which rise_change is dv; NaN if there is none above lo. */
 static double rise_length(double a0, double top, double j, double dv, double lo)
@@ -106,7 +116,8 @@ static double velocity_scale(const task *t, double j, double n)
     return least(2 * t->vmax, fabs(t->v0) + n * least(a + most(t->au, t->ad), a + j * n));
 }
 
-/* Cycles up to the velocity limit and down from it: the same for every length, so found once in a search. */
+/* Cycles up to the velocity limit and down from it: the same for every length, so found once in a
+   search. */
 static void find_summit(const task *t, double j, double top, double first, summit *m)
 {
     if (m->known) return;
@@ -145,7 +156,8 @@ static int extreme(const task *t, double j, double n, summit *m, path *x)
         r = n - s;
         if (s > -t->a0 / j && s > 0) {
             double part = s - whole(s);
-            double peak = t->v0 + rise_change(t->a0, t->au, j, s, &slope) - 0.5 * j * part * (1 - part);
+            double rise = rise_change(t->a0, t->au, j, s, &slope);
+            double peak = t->v0 + rise - 0.5 * j * part * (1 - part);
             if (peak > t->vmax * (1 + SLACK)) return 0;
         }
     }
@@ -160,14 +172,16 @@ static double path_at(const path *x, int *i, double k)
     return x->a[*i] + (x->a[*i + 1] - x->a[*i]) * ((k - x->k[*i]) / n);
 }
 
-/* Rounding of a distance; in the last few cycles, which leave no freedom, also what a long plan left over. */
+/* Rounding of a distance; in the last few cycles, which leave no freedom, also what a long plan
+   left over. */
 static double mix_room(const task *t, double n, double p)
 {
     return 2.5e-13 * (fabs(p) + fabs(t->h)) + (n <= 4 ? 3e-11 * (fabs(t->v0) + fabs(t->v1)) : 0);
 }
 
 /* Lands on h by the mix of a path x that falls short and a path y that gets beyond. */
-static void mixed(const task *t, double n, const path *x, double px, const path *y, double py, path *z)
+static void mixed(const task *t, double n, const path *x, double px, const path *y, double py,
+    path *z)
 {
     int ix = 0, iy = 0, gx = 0, gy = 0;
     double lambda = py > px ? most(0, least(1, (t->h - px) / (py - px))) : 0;
@@ -217,9 +231,11 @@ static int mix_with(const task *t, double j, double n, double *nearest, summit *
 
 /* ---- two jerks ---- */
 
-/* One side of zero: from a0 >= 0 as high as possible, then down to zero at the real number s of cycles, and zero
-   at the next node. Its nodes are laid from cycle `at` forward (step 1) or backward (step -1). */
-static void side(path *x, double at, double step, double way, double a0, double top, double j, double s)
+/* One side of zero: from a0 >= 0 as high as possible, then down to zero at the real number s of
+   cycles, and zero at the next node. Its nodes are laid from cycle `at` forward (step 1) or
+   backward (step -1). */
+static void side(path *x, double at, double step, double way, double a0, double top, double j,
+    double s)
 {
     double kink[3], k[8], apex = 0.5 * (s - a0 / j), end = whole(s) < s ? whole(s) + 1 : whole(s);
     int m = 0, c = 0;
@@ -234,7 +250,8 @@ static void side(path *x, double at, double step, double way, double a0, double 
         }
     for (int i = 0; i < c; i++) {
         double q = k[step > 0 ? i : c - 1 - i];
-        sj_node(x, at + step * q, q <= 0 ? way * a0 : way * most(0, least(least(a0 + j * q, top), j * (s - q))));
+        double a = most(0, least(least(a0 + j * q, top), j * (s - q)));
+        sj_node(x, at + step * q, way * (q <= 0 ? a0 : a));
     }
 }
 
@@ -259,9 +276,10 @@ static double side_length(double a0, double top, double j, double dv, double lo,
     return s;
 }
 
-/* Without a0 < 0: upward acceleration in the first cycles only, downward in the rest only, zero on the node between.
-   So each side has its own jerk, and the mixes of such paths keep it. y is the one that gets furthest; x, which has
-   no more velocity than it needs, falls behind. 0: too few cycles; -1: zero on a node costs the velocity limit. */
+/* Without a0 < 0: upward acceleration in the first cycles only, downward in the rest only, zero on
+   the node between. So each side has its own jerk, and the mixes of such paths keep it. y is the
+   one that gets furthest; x, which has no more velocity than it needs, falls behind. 0: too few
+   cycles; -1: zero on a node costs the velocity limit. */
 static int one_crossing(const task *t, double from, double n, path *x, path *y)
 {
     double a0 = t->a0, ju = t->ju, jd = t->jd, dv = t->v1 - t->v0, e, g;
@@ -281,7 +299,8 @@ static int one_crossing(const task *t, double from, double n, path *x, path *y)
         for (int i = 0; i < NEWTON_STEPS && hi - lo > 1; i++) {
             if (!(m > lo && m < hi)) m = whole(0.5 * (lo + hi));
             if (m <= lo || m > n) { if (hi > n) { m = n; } else break; }
-            double f = rise_change(a0, t->au, ju, m, &e) - rise_change(0, t->ad, jd, n - m, &g) - dv;
+            double rise = rise_change(a0, t->au, ju, m, &e);
+            double f = rise - rise_change(0, t->ad, jd, n - m, &g) - dv;
             if (f > 0) hi = m; else lo = m;
             if (lo >= n) break;
             m = e + g > 0 ? whole(m - f / (e + g) + (f > 0 ? 0 : 0.999)) : whole(0.5 * (lo + hi));
@@ -338,13 +357,15 @@ static int pair(const task *t, double n, path *x, path *y)
         if (ok != 1) {
             /* never up at all: one jerk is enough */
             summit m = {0, 0, 0};
-            double carry = rise_change(-t->a0, t->ad, t->jd, -t->a0 / t->jd, &v), dv = t->v0 - t->v1;
+            double at_once = -t->a0 / t->jd, dv = t->v0 - t->v1;
+            double carry = rise_change(-t->a0, t->ad, t->jd, at_once, &v);
             x->count = y->count = 0;
             if (dv < carry || ok < 0) return ok;
             if (!extreme(t, t->jd, n, &m, y)) return 0;
             for (int i = 0; i < y->count; i++)
                 if (y->a[i] > 0) return 0;
-            side(x, 0, 1, -1, -t->a0, t->ad, t->jd, side_length(-t->a0, t->ad, t->jd, dv, -t->a0 / t->jd, n));
+            double l = side_length(-t->a0, t->ad, t->jd, dv, at_once, n);
+            side(x, 0, 1, -1, -t->a0, t->ad, t->jd, l);
             sj_node(x, n, 0);
         }
     }
@@ -353,8 +374,8 @@ static int pair(const task *t, double n, path *x, path *y)
         && fabs(sj_path_change(y) - dv) <= 1e-13 * reach ? 1 : -1;
 }
 
-/* A mix of exactly n cycles under two jerks. The paths to mix lie in a chain, each two neighbours with the same signs:
-   furthest up, up without return, down without return, furthest down. */
+/* A mix of exactly n cycles under two jerks. The paths to mix lie in a chain, each two neighbours
+   with the same signs: furthest up, up without return, down without return, furthest down. */
 static int mix_sides(const task *t, double n, double *nearest, summit *m, sj_plan *p)
 {
     path up_far, up_near, down_far, down_near, z;
@@ -398,8 +419,9 @@ int sj_mix(const task *t, double n, double *nearest, summit *m, sj_plan *p)
     return t->ju == t->jd ? mix_with(t, t->ju, n, nearest, m, p) : mix_sides(t, n, nearest, m, p);
 }
 
-/* The first length from n on that can be mixed, below `longest`; gives up where waiting longer only leads away. Too
-   short a length tells how many cycles at the velocity limit are missing at least. */
+/* The first length from n on that can be mixed, below `longest`; gives up where waiting longer only
+   leads away. Too short a length tells how many cycles at the velocity limit are missing at
+   least. */
 int sj_mix_from(const task *t, double *n, double longest, summit *m, sj_plan *p)
 {
     double last = INFINITY, at = 0;
@@ -410,8 +432,9 @@ int sj_mix_from(const task *t, double *n, double longest, summit *m, sj_plan *p)
         if (nearest != before) {
             if (nearest < t->h) step = up((t->h - nearest) / t->vmax);
             else {
-                /* blocked from above, but coming down, faster with every cycle: part of the way at once */
-                if (last < INFINITY) step = least(4, down(0.6 * (nearest - t->h) / (last - nearest) * (*n - at)));
+                /* blocked from above, but coming down ever faster: part of the way at once */
+                if (last < INFINITY)
+                    step = least(4, down(0.6 * (nearest - t->h) / (last - nearest) * (*n - at)));
                 last = nearest;
                 at = *n;
             }
