@@ -433,8 +433,10 @@ int sj_mix_from(const task *t, double *n, double longest, summit *m, sj_plan *p)
             if (nearest < t->h) step = up((t->h - nearest) / t->vmax);
             else {
                 /* blocked from above, but coming down ever faster: part of the way at once */
-                if (last < INFINITY)
-                    step = least(4, down(0.6 * (nearest - t->h) / (last - nearest) * (*n - at)));
+                if (last < INFINITY && t->ju != t->jd) {
+                    step = down(0.6 * (nearest - t->h) / (last - nearest) * (*n - at));
+                    step = least(step, least(4, whole(*n / 16)));
+                }
                 last = nearest;
                 at = *n;
             }

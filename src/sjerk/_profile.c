@@ -357,6 +357,7 @@ static void best_of_phases(const task *start, attempt *a)
     a->at_low = family_distance(t, &a->f, a->f.low);
     double room = 1e-14 * (fabs(t->h) + fabs(a->at_low));
     a->direct = 0;
+    sj_begin(&a->head);
     if (t->h < a->at_low - room) {
         /* where the velocity turns against the push, easing a little first loses ground: see
            sj_move() */
@@ -389,7 +390,11 @@ int sj_move(const task *start, sj_plan *p, int again)
         if (sj_mix_from(&a.t, &m, m + 3, both, p)) return 1;
     }
     longest = found_cycles(&a);
-    if (longest > n + (a.t.a0 == 0 ? 3 : 2) && sj_mix_from(&a.t, &n, longest, both, p)) return 1;
+    if (longest > n + (a.t.a0 == 0 ? 3 : 2)) {
+        /* zero on a node, which the head is for, may cost a part of a cycle */
+        if (a.head.cycles > 0 && n > 1) n -= 1;
+        if (sj_mix_from(&a.t, &n, longest, both, p)) return 1;
+    }
     if (!a.found && a.t.v1 != 0) {
         /* no whole length near the shortest works: lose time by a dip of the velocity */
         attempt d;
