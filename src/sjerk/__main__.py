@@ -32,7 +32,7 @@ def arguments() -> argparse.ArgumentParser:
     job.add_argument("--joint", help="joint of a bag (default: its first)")
     job.add_argument("--cycle-us", type=float, default=1000.0, help="control cycle (%(default)s)")
     job.set_defaults(
-        run=lambda o: demo.run(o.path, o.out, o.cycle_us * 1e-6, o.joint),
+        run=lambda o: demo.run(o.path, o.out, o.cycle_us / 1e6, o.joint),
     )
     job = jobs.add_parser("clean", help="remove the segments of kernels that are dead")
     job.add_argument("--dry-run", action="store_true", help="list, remove nothing")
@@ -57,7 +57,7 @@ def main(argv: list[str] | None = None) -> int:
     options = arguments().parse_args(argv)
     try:
         return int(options.run(options))
-    except SjerkError as error:
+    except (SjerkError, OSError) as error:
         print(f"sjerk: {error}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:

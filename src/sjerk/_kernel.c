@@ -342,6 +342,7 @@ int32_t sj_kernel_axis(sj_kernel *kernel, int32_t axis, const sj_drive_config *d
     ax->limits = *limits;
     ax->counts_per_unit = counts_per_unit;
     ax->cycle_time_s = drive->period_s;
+    kernel->feedback.cycle_time_s = drive->period_s;
     sj_drive_cycle(&ax->drive, &ax->rx, &ax->tx);
     ax->actual_counts = ax->tx.position_actual;
     sj_interpolator_start(&ax->interpolator,
@@ -390,10 +391,23 @@ static void stop_axis(sj_axis *ax)
     ax->goal.moves = 0; /* given up: the same goal again is a new motion */
 }
 
-static int32_t judge(const sj_axis *ax, const sj_axis_command *goal)
+/* No limit of a goal may exceed the axis's own, which its drive was checked against. */
+static int32_t within(const sj_limits *asked, const sj_limits *own)
 {
-    if (!ax->following)
+    const double slack = 1.0 + 1e-12; /* for conversions to cycle units and back */
+    return asked->velocity <= own->velocity * slack &&
+           asked->acceleration <= own->acceleration * slack &&
+           asked->jerk <= own->jerk * slack &&
+           asked->deceleration <= own->deceleration * slack &&
+           asked->deceleration_jerk <= own->deceleration_jerk * slack;
+}
+
+static int32_t judge(const sj_kernel *kernel, const sj_axis *ax, const sj_axis_command *goal)
+{
+    if (!ax->following || !kernel->enable)
         return SJ_RESULT_NOT_FOLLOWING;
+    if (!within(&goal->limits, &ax->limits))
+        return SJ_RESULT_LIMITS;
     /* beyond 2^52 increments a double no longer tells two of them apart */
     if (!(fabs(goal->goal * ax->counts_per_unit) < 4503599627370496.0))
         return SJ_RESULT_RANGE;
@@ -455,7 +469,7 @@ static void take_goal(sj_kernel *kernel, int32_t stopped)
     for (int32_t i = 0; i < kernel->axes && result == SJ_RESULT_ACCEPTED; i++) {
         if (!command->axis[i].moves)
             continue;
-        result = judge(&kernel->axis[i], &command->axis[i]);
+        result = judge(kernel, &kernel->axis[i], &command->axis[i]);
         if (result != SJ_RESULT_ACCEPTED)
             refused = i;
         changed |= !same_goal(&kernel->axis[i].goal, &command->axis[i]);

@@ -659,7 +659,8 @@ enum sj_result {                        /* what became of a goal or of a state *
     SJ_RESULT_NOT_FOLLOWING = 2,        /* refused: the drive does not follow (bit 12 = 0) */
     SJ_RESULT_PLAN = 3,                 /* refused: a number or limit that cannot be planned */
     SJ_RESULT_RANGE = 4,                /* refused: not a number, or beyond the drive's counter */
-    SJ_RESULT_STOPPED = 5               /* refused: came with a stop, or the kernel is ending */
+    SJ_RESULT_STOPPED = 5,              /* refused: came with a stop, or the kernel is ending */
+    SJ_RESULT_LIMITS = 6                /* refused: limits above those of the axis */
 };
 
 typedef struct {
@@ -708,6 +709,7 @@ typedef struct {
     uint64_t late;                      /* cycles of the clock that were skipped */
     uint64_t corrupt;                   /* commands that a wild writer had spoilt; each stops all axes */
     uint64_t kernel_epoch;              /* which kernel this frame is of */
+    double cycle_time_s;                /* of the kernel; a host must mean the same */
     int32_t result, result_axis;        /* enum sj_result; axis that refused, or -1 */
     int32_t axes, ending;
     sj_histogram latency, period, computing;

@@ -35,6 +35,7 @@ REASONS = {
     lib.SJ_RESULT_NOT_FOLLOWING: "the drive does not follow (not enabled, or stopped by itself)",
     lib.SJ_RESULT_PLAN: "a number or a limit cannot be planned with",
     lib.SJ_RESULT_RANGE: "the goal is beyond what the drive can count",
+    lib.SJ_RESULT_LIMITS: "its limits are not numbers within those of the axis",
     lib.SJ_RESULT_STOPPED: "a stop came with it, or the kernel is ending",
 }
 
@@ -270,7 +271,11 @@ class Move:
         if state is MoveState.REFUSED:
             raise RefusedError(frame.result, REASONS[frame.result], frame.result_axis)
         if state is MoveState.STOPPED:
-            raise MotionStoppedError({i: float(frame.axis[i].position) for i in self._targets})
+            axes = {i: frame.axis[i] for i in self._targets}
+            raise MotionStoppedError(
+                {i: float(axis.position) for i, axis in axes.items()},
+                {i: int(axis.error_code) for i, axis in axes.items() if axis.fault},
+            )
 
 
 class Host:
@@ -292,13 +297,19 @@ class Host:
         self._limits = tuple(limits)
         self._T = cycle_time
         self._cyclic = cyclic
+        self._closed = False
         self._command = ffi.new("sj_command *")
         self._buffer = ffi.new("sj_feedback *")
         self._sequence = ffi.new("uint64_t *")
         self._lock = threading.Lock()  # cffi lets other threads run: two would write as one
         if cyclic:
             self._wait_until(lambda frame: True, 5.0, "the first cycle")
-            frame = self._frame()
+        frame = self._read()
+        if frame is not None:
+            if abs(frame.cycle_time_s - cycle_time) > 1e-9 * cycle_time:
+                self.close()
+                wanted = f"the kernel's is {frame.cycle_time_s!r}"
+                raise InputError("cycle_time", cycle_time, wanted)
             # go on from what the kernel has taken, whoever was host before
             self._command.sequence = frame.sequence
             self._command.goal_id = frame.result_goal_id
@@ -313,6 +324,8 @@ class Host:
         ``limits`` of its axes and its ``cycle_time`` as the kernel has them. Raises HandshakeError:
         no such kernel, another number of axes, or a living host.
         """
+        if isinstance(limits, Limits) or not all(isinstance(limit, Limits) for limit in limits):
+            raise InputError("limits", limits, "must be a list of one Limits per axis")
         segment = Segment.attach(name, layout(len(limits)), role="host")
         return cls(segment, limits, cycle_time, cyclic=True)
 
@@ -324,14 +337,22 @@ class Host:
 
     def close(self) -> None:
         """Leave the kernel to itself; a motion goes on to its end."""
+        self._closed = True
         if self._cyclic and not self._segment.closed:
             lib.sj_shm_leave_host(self._segment.base)
             self._segment.close()
+
+    @property
+    def closed(self) -> bool:
+        """Whether this host has left its kernel."""
+        return self._closed
 
     # ---- reading
 
     def _read(self) -> Any | None:
         """The newest frame in the own buffer, or None before the first cycle."""
+        if self._closed:
+            raise SjerkError("this host has left its kernel")
         while True:
             status = lib.sj_feedback_read(self._segment.base, self._buffer, self._sequence)
             if status != lib.SJ_SHM_LAPPED:
@@ -345,16 +366,24 @@ class Host:
         return frame
 
     def feedback(self) -> Feedback:
-        """Return the newest feedback: every axis in the same cycle."""
+        """Return the newest feedback: every axis in the same cycle.
+
+        Raises KernelGoneError where the kernel has ended: its last frame is no feedback.
+        """
+        self._check_kernel("reading feedback")
         size = lib.sj_feedback_bytes(len(self._limits))
         copy = ffi.new("sj_feedback *")
         ffi.memmove(copy, self._frame(), size)
         return Feedback(copy, self._T)
 
+    def _check_kernel(self, doing: str) -> None:
+        if self._cyclic and not self._closed and not self._segment.kernel_lives():
+            raise KernelGoneError(f"the kernel has ended: {doing} makes no sense")
+
     def _wait_until(self, met: Callable[[Any], bool], timeout: float | None, what: str) -> None:
         if not self._cyclic:
             raise SjerkError(f"cannot wait for {what}: no process runs this kernel, call step()")
-        end = None if timeout is None else time.monotonic() + timeout
+        end = None if timeout is None else time.monotonic() + real("timeout", timeout)
         look = 0
         while True:
             frame = self._read()
@@ -370,6 +399,9 @@ class Host:
     # ---- commanding
 
     def _publish(self) -> None:
+        if self._closed:
+            raise SjerkError("this host has left its kernel")
+        self._check_kernel("commanding")
         self._command.sequence += 1
         self._segment.check(lib.sj_command_publish(self._segment.base, self._command))
 
@@ -429,15 +461,21 @@ class Host:
 
         A target is a position, or a ``State`` with a velocity to arrive with. The kernel plans in
         its next cycle from the commanded state, also during a motion, which the new goal replaces;
-        the same goal under the same limits changes nothing. ``limits``: others than the axes' own.
+        the same goal under the same limits changes nothing. ``limits``: lower ones than the axes'
+        own for this move; the axes' position ranges stay in force.
         Returns at once; the handle tells the rest. Raises InputError for what is no target; a
         refusal by the kernel is raised by ``Move.wait``.
         """
         targets = self._targets(target)
         code, least = code_of(synchronization), cycles_of(min_duration, self._T)
+        if limits is not None and not isinstance(limits, Limits):
+            raise InputError("limits", limits, "must be a Limits")
         own = {i: limits or self._limits[i] for i in targets}
         for i, goal in targets.items():
+            check_target(f"target[{i}]", goal, self._limits[i])
             check_target(f"target[{i}]", goal, own[i])
+            if limits is not None:
+                _check_within(i, limits, self._limits[i])
         with self._lock:
             command = self._command
             command.synchronization, command.least_cycles = code, least
@@ -474,3 +512,10 @@ class Host:
             i: value if isinstance(value, State) else State(real(f"target[{i}]", value))
             for i, value in wanted.items()
         }
+
+
+def _check_within(axis: int, asked: Limits, own: Limits) -> None:
+    for name in ("velocity", "acceleration", "jerk", "deceleration", "deceleration_jerk"):
+        value, most = getattr(asked, name), getattr(own, name)
+        if value > most:
+            raise InputError(f"limits.{name}", value, f"axis {axis} has {most!r}")

@@ -62,7 +62,10 @@ def read_recording(path: str | Path, *, joint: str | None = None) -> Recording:
     path = Path(path)
     if not path.exists():
         raise RecordingError(path, "no such file")
-    found = _read_csv(path) if path.suffix == ".csv" else _read_bag(path, joint)
+    try:
+        found = _read_csv(path) if path.suffix.lower() == ".csv" else _read_bag(path, joint)
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise RecordingError(path, f"cannot be read ({error})") from error
     return _checked(path, found)
 
 
