@@ -14,12 +14,16 @@ from sjerk.host import Feedback, Host, Move, MoveState
 from sjerk.kernel import Axis, MotionKernel
 from sjerk.planning import Motion, Plans, plan, plan_many, plan_velocity
 from sjerk.profile import Extrema, Limits, Phase, Profile, Range, Samples, State, scurve
+from sjerk.trajectory import ExecutionMode, Fault, FaultKind, Trajectory, TrajectoryError, resample
 
 __all__ = [
     "Axis",
     "Drive",
     "DriveConfig",
+    "ExecutionMode",
     "Extrema",
+    "Fault",
+    "FaultKind",
     "Feedback",
     "Host",
     "InfeasibleError",
@@ -40,8 +44,11 @@ __all__ = [
     "Samples",
     "SjerkError",
     "State",
+    "Trajectory",
+    "TrajectoryError",
     "plan",
     "plan_many",
     "plan_velocity",
+    "resample",
     "scurve",
 ]
