@@ -10,6 +10,7 @@ from sjerk.errors import (
     RefusedError,
     SjerkError,
 )
+from sjerk.following import Followed, Segment, follow
 from sjerk.host import Feedback, Host, Move, MoveState
 from sjerk.kernel import Axis, MotionKernel
 from sjerk.planning import Motion, Plans, plan, plan_many, plan_velocity
@@ -25,6 +26,7 @@ __all__ = [
     "Fault",
     "FaultKind",
     "Feedback",
+    "Followed",
     "Host",
     "InfeasibleError",
     "InputError",
@@ -42,10 +44,12 @@ __all__ = [
     "Range",
     "RefusedError",
     "Samples",
+    "Segment",
     "SjerkError",
     "State",
     "Trajectory",
     "TrajectoryError",
+    "follow",
     "plan",
     "plan_many",
     "plan_velocity",
