@@ -8,15 +8,18 @@ the method. Never here: shared memory, drives.
 
 from __future__ import annotations
 
+import itertools
+import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from sjerk._binding import ffi, lib
 from sjerk.errors import InputError, PlanError, positive
+from sjerk.planning import Motion, plan
 from sjerk.profile import CYCLES_MAX, FloatArray, Limits, Samples
 from sjerk.trajectory import Fault, FaultKind, Trajectory, TrajectoryError
 
@@ -106,7 +109,9 @@ class Followed:
             position[0] = self.position[0]
         for column, unit in ((velocity, T), (acceleration, T**2), (jerks, T**3)):
             np.divide(column, unit, out=column)
-        time = (self.first_cycle + 1 - start + np.arange(start + rows)) * T
+        time: FloatArray = T * np.arange(
+            self.first_cycle + 1 - start, self.first_cycle + 1 + rows, dtype=np.float64
+        )
         return Samples(time, position, velocity, acceleration, jerks)
 
 
@@ -150,6 +155,181 @@ def follow(
     return _windows(pieces, limits, T, use_velocities, lookahead, block)
 
 
+def follow_path(
+    points: ArrayLike,
+    limits: Sequence[Limits],
+    cycle_time: float,
+    *,
+    joint_names: Sequence[str] | None = None,
+    tolerance: float | None = None,
+    lookahead: int = LOOKAHEAD,
+    block: int = BLOCK,
+) -> Iterator[Followed]:
+    """Follow way-points without times as fast as the limits allow, from rest to rest.
+
+    ``points`` (n, N). Without ``tolerance`` every way-point is met bit for bit and the path between
+    is smooth. With a ``tolerance`` (Euclidean, in the joints' unit) the path is the straight lines
+    between the way-points with their corners cut: commanded positions stay within the tolerance of
+    the lines, and the lines' corners within it of them; neighbouring points on one line still are
+    met. For exact stops at every point see ``follow_stops``. Look-ahead: a forward and a backward
+    pass over the window's segments give the times to begin with, then no segment can lose a cycle
+    with the others fixed. ``stretch`` counts the cycles above what the velocity limits need; a
+    block's way-points are those of the cut path. Raises InputError, TrajectoryError, PlanError.
+
+    >>> corner = [[0.0, 0.0], [0.5, 0.0], [0.5, 0.5]]
+    >>> limits = [Limits(2.0, 4.0, 500.0)] * 2
+    >>> narrow, wide = (
+    ...     sum(int(b.cycles.sum()) for b in follow_path(corner, limits, 1e-3, tolerance=near))
+    ...     for near in (0.01, 0.05)
+    ... )
+    >>> wide < narrow
+    True
+    """
+    T, path = positive("cycle_time", cycle_time), _path(points)
+    names = [f"joint{i}" for i in range(path.shape[1])] if joint_names is None else joint_names
+    kept = path[np.concatenate([[True], (np.diff(path, axis=0) != 0.0).any(axis=1)])]
+    if len(kept) < 2:
+        return iter(())
+    if tolerance is None:
+        return _fast(kept, names, limits, T, lookahead, block)
+    return _blended(kept, names, limits, T, positive("tolerance", tolerance), lookahead, block)
+
+
+def follow_stops(
+    points: ArrayLike, limits: Sequence[Limits], cycle_time: float
+) -> Iterator[Motion]:
+    """Follow straight lines between way-points with an exact stop at each; one ``Motion`` per line.
+
+    ``points`` (n, N). All joints share the phases of each motion, so the way is the line itself.
+    Raises InputError.
+
+    >>> [motion.cycles for motion in follow_stops([[0.0], [1.0], [0.5]], [Limits(2, 4, 500)], 1e-3)]
+    [1009, 716]
+    """
+    path = _path(points)
+    for one, two in itertools.pairwise(path.tolist()):
+        if one != two:
+            yield plan(one, two, limits, cycle_time, synchronization="phase")
+
+
+def _path(points: ArrayLike) -> FloatArray:
+    path = np.array(points, dtype=np.float64)
+    if path.ndim != 2 or 0 in path.shape:
+        raise InputError("points", path.shape, "must have shape (n, N)")
+    wrong = np.flatnonzero(~np.isfinite(path).all(axis=1))
+    if len(wrong):
+        raise InputError(f"points[{wrong[0]}]", path[wrong[0]].tolist(), "must be finite")
+    return path
+
+
+def _fast(
+    path: FloatArray,
+    names: Sequence[str],
+    limits: Sequence[Limits],
+    T: float,
+    lookahead: int,
+    block: int,
+) -> Iterator[Followed]:
+    """Through every point, timed by what the velocity limits need at least."""
+    if len(limits) != path.shape[1]:
+        raise InputError("limits", len(limits), f"must be one per joint: {path.shape[1]}")
+    table = limits_per_cycle(limits, T)
+    least = np.ceil((np.abs(np.diff(path, axis=0)) / table[:, 0]).max(axis=1) * (1.0 - 1e-9))
+    time = np.concatenate([[0.0], np.cumsum(np.maximum(least, 2.0))]) * T
+    return _windows(
+        iter([Trajectory(names, time, path)]), limits, T, False, lookahead, block, fast=True
+    )
+
+
+def _guess(path: FloatArray, table: FloatArray) -> IntArray:
+    """Cycles per segment (n,) by a forward and a backward pass over the speed along the chords."""
+    way = np.diff(path, axis=0)
+    length = np.sqrt((way**2).sum(axis=1))
+    length[length == 0.0] = 1e-300
+    direction = way / length[:, None]
+    speed = (table[:, 0] / np.maximum(np.abs(direction), 1e-12)).min(axis=1)
+    push = (table[:, 1] / np.maximum(np.abs(direction), 1e-12)).min(axis=1)
+    # the turn at a knot takes |u2 - u1| v^2 / (half of both segments) of acceleration
+    turn = np.abs(np.diff(direction, axis=0)) / (0.5 * (length[1:] + length[:-1]))[:, None]
+    corner = np.sqrt((table[:, 1] / np.maximum(turn, 1e-300)).min(axis=1))
+    most = np.concatenate([[0.0], np.minimum(corner, np.minimum(speed[1:], speed[:-1])), [0.0]])
+    v = most.tolist()
+    gain = (2.0 * push * length).tolist()
+    for i in range(1, len(v)):
+        v[i] = min(v[i], math.sqrt(v[i - 1] ** 2 + gain[i - 1]))
+    for i in range(len(v) - 2, -1, -1):
+        v[i] = min(v[i], math.sqrt(v[i + 1] ** 2 + gain[i]))
+    knot = np.array(v)
+    mean = np.minimum(speed, np.sqrt(0.5 * (knot[1:] ** 2 + knot[:-1] ** 2) + 0.5 * push * length))
+    cycles = length / np.maximum(0.5 * mean + 0.25 * (knot[1:] + knot[:-1]), 1e-300)
+    return np.concatenate([[0], np.ceil(np.minimum(cycles, 1e12))]).astype(np.int64)
+
+
+#: How often corners that leave the tolerance are cut closer.
+_CUTS = 12
+
+
+def _blended(
+    path: FloatArray,
+    names: Sequence[str],
+    limits: Sequence[Limits],
+    T: float,
+    tolerance: float,
+    lookahead: int,
+    block: int,
+) -> Iterator[Followed]:
+    """Corners cut, and cut closer where the recording shows that the tolerance is left."""
+    way = np.diff(path, axis=0)
+    length = np.sqrt((way**2).sum(axis=1))
+    u = way / length[:, None]
+    bend = np.sqrt((np.diff(u, axis=0) ** 2).sum(axis=1))
+    share = np.ones(len(path))
+    for _ in range(_CUTS):
+        rows, owner = [path[0]], [0]
+        for i in range(1, len(path) - 1):
+            room = min(length[i - 1], length[i])
+            d = share[i] * min(2.0 * tolerance / max(bend[i - 1], 1e-9), 0.3 * room)
+            if bend[i - 1] * room < 0.1 * tolerance or bend[i - 1] > 1.95:
+                rows.append(path[i])
+                owner.append(i)
+                continue
+            for at, direction in ((-1.5, u[i - 1]), (-1.0, u[i - 1]), (1.0, u[i]), (1.5, u[i])):
+                rows.append(path[i] + at * d * direction)
+                owner.append(i)
+        rows.append(path[-1])
+        owner.append(len(path) - 1)
+        made = list(_fast(np.array(rows), names, limits, T, lookahead, block))
+        far = _left(path, made, np.array(owner), tolerance)
+        if not far.any():
+            return iter(made)
+        share[far] *= 0.5
+    raise PlanError(f"corners {np.flatnonzero(far).tolist()} leave the tolerance {tolerance}")
+
+
+def _left(
+    path: FloatArray, made: Sequence[Followed], owner: IntArray, tolerance: float
+) -> NDArray[np.bool_]:
+    """Which corners' neighbourhood is left by more than the tolerance, or not come near to."""
+    position = np.concatenate([block.sample().position for block in made])
+    cycles = np.concatenate([block.cycles for block in made])
+    point = np.concatenate([[0], np.repeat(owner[1:], cycles)])  # the corner ahead of a sample
+    nearest = np.full(len(position), np.inf)
+    for shift in (-2, -1, 0, 1):
+        i = np.clip(point + shift, 0, len(path) - 2)
+        start, way = path[i], path[i + 1] - path[i]
+        along = ((position - start) * way).sum(axis=1) / (way**2).sum(axis=1)
+        gap = position - start - np.clip(along, 0.0, 1.0)[:, None] * way
+        nearest = np.minimum(nearest, np.sqrt((gap**2).sum(axis=1)))
+    far = np.zeros(len(path), dtype=np.bool_)
+    outside = np.unique(point[nearest > tolerance])
+    far[outside] = far[np.maximum(outside - 1, 0)] = True
+    corner = np.full(len(path), np.inf)
+    for shift in (0, 1):
+        i = np.clip(point - shift, 0, len(path) - 1)
+        np.minimum.at(corner, i, np.sqrt(((position - path[i]) ** 2).sum(axis=1)))
+    return far | (corner > tolerance)
+
+
 class _Window:
     """Way-points not handed out yet, the state at the first of them, and its index and cycle."""
 
@@ -160,6 +340,7 @@ class _Window:
         self.state = tuple(np.zeros(joints) for _ in range(3))
         self.before: IntArray = np.empty(0, dtype=np.int64)  # cycles of the plan before
         self.first = self.first_cycle = 0
+        self.fast = False  # without times: begin from a guess of the fastest
 
     def __len__(self) -> int:
         return len(self.cycle)
@@ -179,6 +360,8 @@ def _windows(
     use_velocities: bool,
     lookahead: int,
     block: int,
+    *,
+    fast: bool = False,
 ) -> Iterator[Followed]:
     names: tuple[str, ...] | None = None
     window, table, begin, latest, total = _Window(0, False), np.empty((0, 3)), 0.0, 0.0, 0
@@ -186,6 +369,7 @@ def _windows(
         if names is None:
             names, begin = piece.joint_names, float(piece.time[0])
             window = _Window(len(names), use_velocities and piece.velocity is not None)
+            window.fast = fast
             table = limits_per_cycle(piece.limits_in_order(limits), T)
         elif piece.joint_names != names:
             raise TrajectoryError([Fault(FaultKind.JOINTS, f"not {', '.join(names)}", total)])
@@ -276,7 +460,7 @@ def _hand_out(
     # where the plan before looked far enough it is the one to go on with; all of it, if need be
     status = lib.SJ_FOLLOW_STUCK
     for known in (len(window.before) // 2, len(window.before)):
-        cycles = asked.copy()
+        cycles = np.maximum(asked, _guess(window.position, table)) if window.fast else asked.copy()
         cycles[1 : known + 1] = window.before[:known]
         task, keep = _task(window, table, T, cycles)
         status = lib.sj_follow_plan(task)
