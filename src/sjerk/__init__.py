@@ -10,7 +10,7 @@ from sjerk.errors import (
     RefusedError,
     SjerkError,
 )
-from sjerk.following import Followed, Segment, follow
+from sjerk.following import Followed, Segment, follow, follow_path, follow_stops
 from sjerk.host import Feedback, Host, Move, MoveState
 from sjerk.kernel import Axis, MotionKernel
 from sjerk.planning import Motion, Plans, plan, plan_many, plan_velocity
@@ -50,6 +50,8 @@ __all__ = [
     "Trajectory",
     "TrajectoryError",
     "follow",
+    "follow_path",
+    "follow_stops",
     "plan",
     "plan_many",
     "plan_velocity",

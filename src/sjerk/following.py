@@ -241,32 +241,103 @@ def _fast(
     )
 
 
-def _guess(path: FloatArray, table: FloatArray) -> IntArray:
-    """Cycles per segment (n,) by a forward and a backward pass over the speed along the chords."""
+class _Speeds(NamedTuple):
+    """Along the chords of a path, per cycle: lengths, caps of speed and push, knots' speeds."""
+
+    length: FloatArray
+    cap: FloatArray
+    push: FloatArray
+    knot: FloatArray
+    peak: FloatArray
+
+
+def _speeds(path: FloatArray, table: FloatArray) -> _Speeds:
+    """A forward and a backward pass over the speed along the chords of a path."""
     way = np.diff(path, axis=0)
     length = np.sqrt((way**2).sum(axis=1))
     length[length == 0.0] = 1e-300
     direction = way / length[:, None]
-    speed = (table[:, 0] / np.maximum(np.abs(direction), 1e-12)).min(axis=1)
+    cap = (table[:, 0] / np.maximum(np.abs(direction), 1e-12)).min(axis=1)
     push = (table[:, 1] / np.maximum(np.abs(direction), 1e-12)).min(axis=1)
     # the turn at a knot takes |u2 - u1| v^2 / (half of both segments) of acceleration
     turn = np.abs(np.diff(direction, axis=0)) / (0.5 * (length[1:] + length[:-1]))[:, None]
     corner = np.sqrt((table[:, 1] / np.maximum(turn, 1e-300)).min(axis=1))
-    most = np.concatenate([[0.0], np.minimum(corner, np.minimum(speed[1:], speed[:-1])), [0.0]])
-    v = most.tolist()
+    v = [0.0, *np.minimum(corner, np.minimum(cap[1:], cap[:-1])).tolist(), 0.0]
     gain = (2.0 * push * length).tolist()
     for i in range(1, len(v)):
         v[i] = min(v[i], math.sqrt(v[i - 1] ** 2 + gain[i - 1]))
     for i in range(len(v) - 2, -1, -1):
         v[i] = min(v[i], math.sqrt(v[i + 1] ** 2 + gain[i]))
     knot = np.array(v)
-    mean = np.minimum(speed, np.sqrt(0.5 * (knot[1:] ** 2 + knot[:-1] ** 2) + 0.5 * push * length))
-    cycles = length / np.maximum(0.5 * mean + 0.25 * (knot[1:] + knot[:-1]), 1e-300)
-    return np.concatenate([[0], np.ceil(np.minimum(cycles, 1e12))]).astype(np.int64)
+    peak = np.minimum(cap, np.sqrt(0.5 * (knot[1:] ** 2 + knot[:-1] ** 2) + push * length))
+    return _Speeds(length, cap, push, knot, peak)
+
+
+def _guess(path: FloatArray, table: FloatArray) -> IntArray:
+    """Cycles per segment (n,) to begin with."""
+    speeds = _speeds(path, table)
+    mean = 0.5 * speeds.peak + 0.25 * (speeds.knot[1:] + speeds.knot[:-1])
+    cycles = np.minimum(speeds.length / np.maximum(mean, 1e-300), 1e12)
+    return np.concatenate([[0], np.ceil(cycles)]).astype(np.int64)
+
+
+def _spread(path: FloatArray, owner: IntArray, least: IntArray, table: FloatArray) -> Any:
+    """More way-points on long lines, at equal times of a trapezoidal motion; with their owners.
+
+    ``least``: how many parts the line that ends at a way-point has at least.
+    """
+    speeds = _speeds(path, table)
+    ramp = float((table[:, 0] / table[:, 1]).max())  # to full speed, at constant push
+    every = max(30.0, 4.0 * float((table[:, 1] / table[:, 2]).max()), 0.4 * ramp)
+    rows, owners = [path[:1]], [owner[:1]]
+    for i in range(len(path) - 1):
+        v0, v1, peak, a = (
+            float(x) for x in (*speeds.knot[i : i + 2], speeds.peak[i], speeds.push[i])
+        )
+        up, down = (peak - v0) / a, (peak - v1) / a
+        cruise = max(
+            0.0,
+            (float(speeds.length[i]) - 0.5 * (v0 + peak) * up - 0.5 * (v1 + peak) * down) / peak,
+        )
+        total = up + cruise + down
+        parts = max(int(total / every + 0.5) if total > 4.0 * every else 1, int(least[i + 1]))
+        t = np.arange(1, parts) * (total / parts)
+        first, last = np.minimum(t, up), np.maximum(t - up - cruise, 0.0)
+        s = v0 * first + 0.5 * a * first**2 + peak * (t - first) - 0.5 * a * last**2
+        share = s / float(speeds.length[i])
+        rows.append(path[i] + share[:, None] * (path[i + 1] - path[i]))
+        rows.append(path[i + 1 : i + 2])
+        owners.append(np.full(parts, owner[i + 1]))
+    return np.concatenate(rows), np.concatenate(owners)
+
+
+def _corners(path: FloatArray, tolerance: float) -> FloatArray:
+    """The fewest points (Douglas and Peucker) whose straight lines stay within the tolerance."""
+    keep = np.zeros(len(path), dtype=np.bool_)
+    keep[[0, -1]] = True
+    todo = [(0, len(path) - 1)]
+    while todo:
+        low, high = todo.pop()
+        if high - low < 2:
+            continue
+        d, rest = path[high] - path[low], path[low + 1 : high] - path[low]
+        square = float(d @ d)
+        along = np.clip(rest @ d / square, 0.0, 1.0) if square > 0.0 else np.zeros(len(rest))
+        gap = ((rest - along[:, None] * d) ** 2).sum(axis=1)
+        # a point passed twice or out of order is a turn
+        turn = np.diff(along, prepend=0.0, append=1.0).min() < 0.0
+        i = int(np.argmax(gap))
+        if gap[i] > tolerance**2 or turn:
+            i = i if gap[i] > tolerance**2 else int(np.argmax((rest**2).sum(axis=1)))
+            keep[low + 1 + i] = True
+            todo += [(low, low + 1 + i), (low + 1 + i, high)]
+    found: FloatArray = path[keep]
+    different = np.concatenate([[True], (np.diff(found, axis=0) != 0.0).any(axis=1)])
+    return np.ascontiguousarray(found[different])
 
 
 #: How often corners that leave the tolerance are cut closer.
-_CUTS = 12
+_CUTS = 14
 
 
 def _blended(
@@ -278,31 +349,42 @@ def _blended(
     lookahead: int,
     block: int,
 ) -> Iterator[Followed]:
-    """Corners cut, and cut closer where the recording shows that the tolerance is left."""
+    """Corners cut; where the recording shows that the tolerance is left, more points and closer."""
+    if len(limits) != path.shape[1]:
+        raise InputError("limits", len(limits), f"must be one per joint: {path.shape[1]}")
+    table = limits_per_cycle(limits, T)
+    path, tolerance = _corners(path, 0.25 * tolerance), 0.75 * tolerance
     way = np.diff(path, axis=0)
     length = np.sqrt((way**2).sum(axis=1))
     u = way / length[:, None]
     bend = np.sqrt((np.diff(u, axis=0) ** 2).sum(axis=1))
-    share = np.ones(len(path))
-    for _ in range(_CUTS):
-        rows, owner = [path[0]], [0]
-        for i in range(1, len(path) - 1):
-            room = min(length[i - 1], length[i])
-            d = share[i] * min(2.0 * tolerance / max(bend[i - 1], 1e-9), 0.3 * room)
-            if bend[i - 1] * room < 0.1 * tolerance or bend[i - 1] > 1.95:
+    share, between = np.ones(len(path)), np.zeros(len(way), dtype=np.int64)
+    for attempt in range(_CUTS):
+        rows, owner, least = [path[0]], [0], [0]
+        for i in range(1, len(path)):
+            cut = 0.0
+            if i < len(path) - 1 and bend[i - 1] <= 1.95:
+                room = min(length[i - 1], length[i])
+                if bend[i - 1] * room >= 0.1 * tolerance:
+                    cut = share[i] * min(2.0 * tolerance / bend[i - 1], 0.3 * room)
+            least.append(int(between[i - 1]) + 1)
+            if cut == 0.0:
                 rows.append(path[i])
                 owner.append(i)
-                continue
-            for at, direction in ((-1.5, u[i - 1]), (-1.0, u[i - 1]), (1.0, u[i]), (1.5, u[i])):
-                rows.append(path[i] + at * d * direction)
-                owner.append(i)
-        rows.append(path[-1])
-        owner.append(len(path) - 1)
-        made = list(_fast(np.array(rows), names, limits, T, lookahead, block))
-        far = _left(path, made, np.array(owner), tolerance)
+            else:
+                for at, line in ((-1.5, i - 1), (-1.0, i - 1), (1.0, i), (1.5, i)):
+                    rows.append(path[i] + at * cut * u[line])
+                    owner.append(i)
+                least += [1, 1, 1]
+        points, owners = _spread(np.array(rows), np.array(owner), np.array(least), table)
+        made = list(_fast(points, names, limits, T, lookahead, block))
+        far = _left(path, made, owners, tolerance)
         if not far.any():
             return iter(made)
-        share[far] *= 0.5
+        if attempt % 2:
+            share[far] *= 0.5
+        near = far[:-1] | far[1:]
+        between[near] = 2 * between[near] + 1
     raise PlanError(f"corners {np.flatnonzero(far).tolist()} leave the tolerance {tolerance}")
 
 
