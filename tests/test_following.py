@@ -201,6 +201,23 @@ def test_windows_of_a_way_that_is_stretched() -> None:
     assert sum(int(block.stretch.sum()) for block in blocks) > 1000
 
 
+@pytest.mark.parametrize("seed", range(30))
+def test_wild_ways_in_windows_that_see_little(seed: int) -> None:
+    """Distances and times over five decades, soft jerk, 8 way-points ahead: nothing is refused."""
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(2, 120))
+    q = np.cumsum(rng.normal(size=(n, 2)) * 10.0 ** rng.uniform(-5.0, 0.5, (n, 1)), axis=0)
+    velocity = np.clip(rng.normal(size=(n, 2)), -2.0, 2.0)
+    way = Trajectory(["a", "b"], np.cumsum(10.0 ** rng.uniform(-3.5, 0.0, n)), q, velocity)
+    limits = [Limits(2.0, 4.0, 20.0 if seed % 2 else 500.0)] * 2
+    block, lookahead = [(4096, 1024), (5, 8), (20, 30)][seed % 3]
+    given = seed % 4 < 2
+    blocks = list(follow(way, limits, T, use_velocities=given, block=block, lookahead=lookahead))
+    position, cycles = recording(blocks)
+    np.testing.assert_array_equal(position[cycles], q)
+    recording_keeps(position, limits)
+
+
 def test_memory_does_not_grow_with_the_points() -> None:
     """Pieces are consumed as needed: never more of them alive than a window needs."""
     consumed = 0

@@ -372,16 +372,22 @@ static int32_t stretch(const sj_follow *s, double room)
         int64_t longer = 0, first = 0, last = 0;
         for (int64_t i = 1; i <= n; i++) {
             double u, more;
+            int64_t g;
             if (row_of(s, i)[MARK] != 1.0) continue;
             row_of(s, i)[MARK] = 0.0;
             if (fits(s, i, room)) continue;
             u = excess(s, i);
             if (!isfinite(u)) return SJ_FOLLOW_INVALID;
             u = u > 1.5 ? 1.5 : u;
-            more = ceil((double)s->cycles[i] * (0.4 + 0.6 * u));
+            /* a segment much shorter than its neighbour sets the neighbour's velocity */
+            g = i;
+            if (i > 1 && s->shorter * s->cycles[i - 1] < s->cycles[g]) g = i - 1;
+            if (i < n && s->shorter * s->cycles[i + 1] < s->cycles[i] && s->cycles[i + 1] < s->cycles[g])
+                g = i + 1;
+            more = ceil((double)s->cycles[g] * (0.4 + 0.6 * u));
             if (more > (double)SJ_CYCLES_MAX) return SJ_FOLLOW_TOO_LONG;
-            s->cycles[i] = (int64_t)more > s->cycles[i] ? (int64_t)more : s->cycles[i] + 1;
-            row_of(s, i)[MARK] = 2.0; /* changed */
+            s->cycles[g] = (int64_t)more > s->cycles[g] ? (int64_t)more : s->cycles[g] + 1;
+            row_of(s, g)[MARK] = 2.0; /* changed */
             longer++;
         }
         if (!longer) return SJ_FOLLOW_OK;

@@ -577,7 +577,7 @@ enum sj_follow_status {
 typedef struct {
     int64_t points;                     /* way-points; the last is a stop */
     int32_t joints;
-    int32_t reserved;
+    int32_t shorter;                    /* a neighbour so many times shorter is stretched instead */
     const double *position;             /* (points, joints) */
     const double *velocity;             /* (points, joints) to be had at the way-points, or NULL */
     const int64_t *least;               /* cycles asked for the segment that ends at point i */

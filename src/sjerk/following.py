@@ -474,7 +474,7 @@ def _windows(
                 yield _hand_out(window, names, table, T, block)
     if names is None:
         raise TrajectoryError([Fault(FaultKind.EMPTY, "no points")])
-    if len(window) > 1:
+    while len(window) > 1:
         yield _hand_out(window, names, table, T, len(window) - 1)
 
 
@@ -513,16 +513,18 @@ def _doubles(array: FloatArray) -> Any:
 
 
 def _task(window: _Window, table: FloatArray, T: float, cycles: IntArray) -> tuple[Any, list[Any]]:
-    """The ``sj_follow`` of a window, and what keeps its memory."""
-    n, joints = window.position.shape
-    least = np.diff(window.cycle, prepend=window.cycle[0])
+    """The ``sj_follow`` of a window's first points, and what keeps its memory."""
+    n, joints = len(cycles), window.position.shape[1]
+    least = np.diff(window.cycle[:n], prepend=window.cycle[0])
     rows = np.empty(n * lib.sj_follow_row(joints))
     spare = np.empty(lib.sj_follow_spare(joints))
     task = ffi.new("sj_follow *")
-    given = None if window.velocity is None else np.ascontiguousarray(window.velocity * T)
-    position = np.ascontiguousarray(window.position)
+    given = None if window.velocity is None else np.ascontiguousarray(window.velocity[:n] * T)
+    position = np.ascontiguousarray(window.position[:n])
     keep = [least, rows, spare, given, position, cycles, table]
     task.points, task.joints = n, joints
+    # with given times it is the short one that is wrong; the pieces of a cut corner are short
+    task.shorter = 20 if window.fast else 4
     task.position = _doubles(position)
     task.velocity = ffi.NULL if given is None else _doubles(given)
     task.least = ffi.from_buffer("int64_t[]", least)
@@ -539,15 +541,22 @@ def _hand_out(
     """Plan all of the window, hand out its first segments, go on from where they end."""
     n, joints = window.position.shape
     asked = np.diff(window.cycle, prepend=window.cycle[0])
-    # where the plan before looked far enough it is the one to go on with; all of it, if need be
-    status = lib.SJ_FOLLOW_STUCK
-    for known in (len(window.before) // 2, len(window.before)):
-        cycles = np.maximum(asked, _guess(window.position, table)) if window.fast else asked.copy()
-        cycles[1 : known + 1] = window.before[:known]
+    # Where the plan before looked far enough it is the one to go on with; all of it, if need be; in
+    # the end it is a legal motion to a stop, however little lies between the points known.
+    status, known = lib.SJ_FOLLOW_STUCK, len(window.before)
+    for taken_over, points in ((known // 2, n), (known, n), (known, known + 1)):
+        if points < 2:
+            break
+        cycles = asked.copy()
+        if window.fast:
+            cycles = np.maximum(cycles, _guess(window.position, table))
+        cycles[1 : taken_over + 1] = window.before[:taken_over]
+        cycles = cycles[:points].copy()
         task, keep = _task(window, table, T, cycles)
         status = lib.sj_follow_plan(task)
-        if status != lib.SJ_FOLLOW_STUCK:
+        if status in (lib.SJ_FOLLOW_OK, lib.SJ_FOLLOW_INVALID):
             break
+    count = min(count, len(cycles) - 1)
     if status == lib.SJ_FOLLOW_TOO_LONG:
         raise InputError("limits", table.tolist(), f"takes more than {CYCLES_MAX} cycles")
     if status:
