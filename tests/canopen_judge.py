@@ -41,8 +41,8 @@ class Bench:
         self.network.connect(interface=interface, channel=channel)
         self.node = BaseNode402(NODE, str(sheet))
         self.network.add_node(self.node)
-        # multicast echoes the master's own NMT commands: one that comes late must not be taken for a
-        # change of the drive's state
+        # multicast echoes the master's own NMT commands: one that comes late must not be taken for
+        # a change of the drive's state
         self.network.unsubscribe(0, self.node.nmt.on_command)
         self.node.sdo.RESPONSE_TIMEOUT = 2.0
         self.words: list[int] = []

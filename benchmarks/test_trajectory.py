@@ -1,0 +1,174 @@
+"""Following beside interpolation, toppra and ruckig: cost per seven-joint way-point, and jerk."""
+
+from __future__ import annotations
+
+import itertools
+import tracemalloc
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sjerk import Limits, Trajectory, follow, follow_path, follow_stops
+from sjerk.trajectory import shipped_recording
+
+T = 1e-3
+VELOCITY = [2.175] * 4 + [2.61] * 3
+ACCELERATION = [3.75, 1.875, 2.5, 3.125, 3.75, 5.0, 5.0]
+PANDA = [Limits(v, a, 500.0) for v, a in zip(VELOCITY, ACCELERATION, strict=True)]
+NAMES = [f"joint{k}" for k in range(7)]
+TABLE = "trajectories: Panda, seven joints, limits of Franka"
+
+
+def smooth(n: int, begin: int = 0) -> Trajectory:
+    """Way-points at 0.1 s of a motion within the limits."""
+    t = (begin + np.arange(n)) * 0.1
+    return Trajectory(
+        NAMES, t, np.column_stack([0.4 * np.sin((0.8 + 0.1 * k) * t + k) for k in range(7)])
+    )
+
+
+def test_follow_with_times(benchmark: Any) -> None:
+    """A plan whose times can be kept: 20 000 way-points."""
+    way = smooth(20_000)
+    benchmark.extra_info["per"] = len(way)
+    benchmark.extra_info["against"] = {
+        "test_ruckig_per_way_point": "lower is faster",
+        "test_toppra_per_way_point": "lower is faster",
+        "test_numpy_copy": "per way-point, beside copying it",
+    }
+    benchmark(lambda: list(follow(way, PANDA, T)))
+
+
+def test_follow_with_times_too_fast(benchmark: Any) -> None:
+    """TOPP-RA's plan, bang-bang: nearly every segment is stretched."""
+    way = Trajectory.from_bag(shipped_recording())
+    benchmark.extra_info["per"] = len(way)
+    benchmark(lambda: list(follow(way, PANDA, T, use_velocities=False)))
+
+
+def test_follow_without_times(benchmark: Any) -> None:
+    """The same way-points as fast as the limits allow."""
+    path = Trajectory.from_bag(shipped_recording()).position
+    benchmark.extra_info["per"] = len(path)
+    benchmark.extra_info["against"] = {"test_toppra_per_way_point": "lower is faster"}
+    benchmark(lambda: list(follow_path(path, PANDA, T)))
+
+
+def test_numpy_copy(benchmark: Any) -> None:
+    """Copying the way-points."""
+    way = smooth(20_000)
+    benchmark.extra_info["per"] = len(way)
+    benchmark(way.position.copy)
+
+
+def test_ruckig_per_way_point(benchmark: Any) -> None:
+    """Ruckig from state to state through the same way-points: a plan for each."""
+    ruckig = pytest.importorskip("ruckig")
+    way = smooth(500)
+    velocity = np.gradient(way.position, 0.1, axis=0)
+    otg, inp, trajectory = ruckig.Ruckig(7), ruckig.InputParameter(7), ruckig.Trajectory(7)
+    inp.max_velocity, inp.max_acceleration, inp.max_jerk = VELOCITY, ACCELERATION, [500.0] * 7
+    rows = [(q.tolist(), v.tolist()) for q, v in zip(way.position, velocity, strict=True)]
+
+    def through() -> None:
+        for (q0, v0), (q1, v1) in itertools.pairwise(rows):
+            inp.current_position, inp.current_velocity = q0, v0
+            inp.target_position, inp.target_velocity = q1, v1
+            otg.calculate(inp, trajectory)
+
+    benchmark.extra_info["per"] = len(rows)
+    benchmark(through)
+
+
+def test_toppra_per_way_point(benchmark: Any) -> None:
+    """TOPP-RA over the same path: velocity and acceleration limits only, no jerk limit."""
+    toppra = pytest.importorskip("toppra")
+    path = Trajectory.from_bag(shipped_recording()).position
+    v, a = np.array(VELOCITY), np.array(ACCELERATION)
+    limits = [
+        toppra.constraint.JointVelocityConstraint(np.column_stack([-v, v])),
+        toppra.constraint.JointAccelerationConstraint(np.column_stack([-a, a])),
+    ]
+
+    def plan() -> Any:
+        way = toppra.SplineInterpolator(np.linspace(0.0, 1.0, len(path)), path)
+        return toppra.algorithm.TOPPRA(limits, way).compute_trajectory(0.0, 0.0)
+
+    benchmark.extra_info["per"] = len(path)
+    benchmark(plan)
+
+
+def largest(position: np.ndarray, order: int) -> float:
+    return float(np.abs(np.diff(position, order, axis=0)).max() / T**order)
+
+
+def hermite(way: Trajectory, quintic: bool) -> np.ndarray:
+    """Cubic (position, velocity) or quintic (and acceleration) interpolation, every cycle."""
+    t = np.arange(0.0, way.time[-1] + T / 2, T)
+    i = np.clip(np.searchsorted(way.time, t, side="right") - 1, 0, len(way) - 2)
+    h = np.diff(way.time)[i][:, None]
+    x = (t - way.time[i])[:, None] / h
+    assert way.velocity is not None
+    p, d = way.position[i], way.position[i + 1] - way.position[i]
+    v0, v1 = way.velocity[i] * h, way.velocity[i + 1] * h
+    if not quintic:
+        return p + v0 * x + (3 * d - 2 * v0 - v1) * x**2 + (v0 + v1 - 2 * d) * x**3
+    slope = np.gradient(way.velocity, way.time, axis=0)
+    a0, a1 = slope[i] * h**2, slope[i + 1] * h**2
+    return (
+        p
+        + v0 * x
+        + a0 / 2 * x**2
+        + (10 * d - 6 * v0 - 4 * v1 - (3 * a0 - a1) / 2) * x**3
+        + (-15 * d + 8 * v0 + 7 * v1 + (3 * a0 - 2 * a1) / 2) * x**4
+        + (6 * d - 3 * v0 - 3 * v1 - (a0 - a1) / 2) * x**5
+    )
+
+
+def test_jerk_beside_interpolation(report: Any) -> None:
+    """Largest jerk, acceleration of the recorded plan: cubic, quintic, followed; and time lost."""
+    way = Trajectory.from_bag(shipped_recording())
+    rows = {
+        "cubic interpolation": hermite(way, False),
+        "quintic interpolation": hermite(way, True),
+        "follow, its velocities": _positions(follow(way, PANDA, T)),
+        "follow, velocities chosen": _positions(follow(way, PANDA, T, use_velocities=False)),
+        "follow_path, no times": _positions(follow_path(way.position, PANDA, T)),
+        "follow_path, tolerance 0.01": _positions(
+            follow_path(way.position, PANDA, T, tolerance=0.01)
+        ),
+    }
+    stops = sum(motion.cycles for motion in follow_stops(way.position, PANDA, T))
+    for name, position in rows.items():
+        used = np.abs(np.diff(position, 2, axis=0)).max(axis=0) / T**2 / ACCELERATION
+        report.line(
+            TABLE,
+            f"{name:28} jerk {largest(position, 3) / 500.0:8.3f} of its limit, acceleration "
+            f"{used.max():6.3f}, time {(len(position) - 1) * T / way.duration:6.3f} of the plan's",
+        )
+    report.line(TABLE, f"{'follow_stops':28} time {stops * T / way.duration:6.3f} of the plan's")
+    for name in list(rows)[2:]:
+        assert largest(rows[name], 3) <= 500.0 * (1 + 1e-6)
+
+
+def _positions(blocks: Iterator[Any]) -> np.ndarray:
+    return np.concatenate([block.sample().position for block in blocks])
+
+
+def test_memory(report: Any) -> None:
+    """The peak of memory for ten times as many way-points, streamed: constant."""
+    peaks = []
+    for pieces in (20, 200):
+        tracemalloc.start()
+        source = (smooth(1000, 1000 * i) for i in range(pieces))
+        done = sum(len(block) for block in follow(source, PANDA, T))
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+        assert done == 1000 * pieces - 1
+    report.line(
+        TABLE,
+        f"memory, 200 000 way-points / 20 000: {peaks[1] / peaks[0]:.3f} ({peaks[1] / 1e6:.1f} MB)",
+    )
+    assert peaks[1] < 1.2 * peaks[0]
