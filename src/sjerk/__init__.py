@@ -1,6 +1,7 @@
 """sjerk: a motion kernel. Jerk-limited s-curves in whole control cycles, exact to the last bit."""
 
 from sjerk.cia402 import Drive, DriveConfig
+from sjerk.clock import Clock, ClockReport, Grant
 from sjerk.errors import (
     InfeasibleError,
     InputError,
@@ -10,17 +11,22 @@ from sjerk.errors import (
     RefusedError,
     SjerkError,
 )
-from sjerk.host import Feedback, Host, Move, MoveState
+from sjerk.feedback import AxisFeedback, Feedback, Timing
+from sjerk.host import Host, Move, MoveState
 from sjerk.kernel import Axis, MotionKernel
 from sjerk.planning import Motion, Plans, plan, plan_many, plan_velocity
 from sjerk.profile import Extrema, Limits, Phase, Profile, Range, Samples, State, scurve
 
 __all__ = [
     "Axis",
+    "AxisFeedback",
+    "Clock",
+    "ClockReport",
     "Drive",
     "DriveConfig",
     "Extrema",
     "Feedback",
+    "Grant",
     "Host",
     "InfeasibleError",
     "InputError",
@@ -40,6 +46,7 @@ __all__ = [
     "Samples",
     "SjerkError",
     "State",
+    "Timing",
     "plan",
     "plan_many",
     "plan_velocity",

@@ -700,6 +700,29 @@ typedef struct {
     uint32_t bucket[400];
 } sj_histogram;
 
+enum sj_grant {                         /* or an errno, negative: asked, refused, and why */
+    SJ_GRANT_NOT_ASKED = 0,
+    SJ_GRANT_FULL = 1,
+    SJ_GRANT_PART = 2                   /* memory: what the cycle touches, not the whole process */
+};
+
+typedef struct {
+    uint64_t period_ns;
+    uint64_t spin_ns;                   /* busy wait before each deadline, at most; 0 = sleep only */
+    int32_t priority;                   /* SCHED_FIFO 1..99; 0 = not asked */
+    int32_t cpu;                        /* pin to this processor; -1 = not asked */
+    int32_t lock_memory;                /* 1: lock and touch all memory of the cycle */
+    int32_t reserved;
+} sj_clock_options;
+
+typedef struct {
+    sj_clock_options asked;
+    int32_t priority, cpu, memory;      /* enum sj_grant */
+    int32_t capped;                     /* 1: the busy wait is shorter than asked */
+    double share;                       /* of the processor that a real-time thread may use, or 1 */
+    uint64_t spin_ns;                   /* busy wait of an idle cycle */
+} sj_clock_report;
+
 typedef struct {
     uint64_t cycle;                     /* cycles since start */
     uint64_t time_ns;                   /* CLOCK_MONOTONIC at its begin, 0 in a caller's own loop */
@@ -710,6 +733,7 @@ typedef struct {
     uint64_t kernel_epoch;              /* which kernel this frame is of */
     int32_t result, result_axis;        /* enum sj_result; axis that refused, or -1 */
     int32_t axes, ending;
+    sj_clock_report clock;
     sj_histogram latency, period, computing;
     sj_axis_feedback axis[64];
 } sj_feedback;
@@ -756,7 +780,12 @@ int32_t  sj_kernel_at_rest(const sj_kernel *kernel);    /* nothing moves, no dri
 
 /* ---- wiring: the clock (_clock.c) ------------------------------------------------------------ */
 
-void     sj_clock_run(sj_kernel *kernel, uint64_t period_ns, int32_t *end);
+/* Ask the system for what `options` says, for the calling thread; `report` tells what it gave. */
+void     sj_clock_prepare(const sj_kernel *kernel, uint64_t bytes, const sj_clock_options *options,
+                          sj_clock_report *report);
+void     sj_clock_run(sj_kernel *kernel, const sj_clock_options *options, int32_t *end);
+/* Longest busy wait of one cycle that keeps this share of the processor, computing included. */
+uint64_t sj_clock_spin_ns(const sj_clock_options *options, double share, uint64_t computing_ns);
 void     sj_clock_end(int32_t *end);
 uint64_t sj_clock_now_ns(void);
 void     sj_histogram_add(sj_histogram *histogram, uint64_t ns);

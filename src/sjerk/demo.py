@@ -14,7 +14,8 @@ from pathlib import Path
 
 import numpy as np
 
-from sjerk.host import AxisFeedback, Distribution, Host, Timing
+from sjerk.feedback import AxisFeedback, Distribution, Timing
+from sjerk.host import Host
 from sjerk.kernel import Axis, MotionKernel
 from sjerk.profile import FloatArray, Limits
 from sjerk.trajectory import Recording, read_recording

@@ -19,6 +19,7 @@ from typing import Any
 
 from sjerk._binding import ffi, lib
 from sjerk.cia402 import DriveConfig
+from sjerk.clock import Clock
 from sjerk.errors import InputError, KernelGoneError, SjerkError, positive
 from sjerk.handshake import HostWatch, Segment
 from sjerk.host import Host, layout
@@ -64,9 +65,16 @@ class MotionKernel:
     """
 
     def __init__(
-        self, axes: Sequence[Axis], cycle_time: float = 1e-3, *, name: str | None = None
+        self,
+        axes: Sequence[Axis],
+        cycle_time: float = 1e-3,
+        *,
+        name: str | None = None,
+        clock: Clock | None = None,
     ) -> None:
         """``cycle_time`` in seconds (25 us to 100 ms). ``name``: of the segment, else made up.
+
+        ``clock``: what the process asks of the system, else nothing.
 
         Raises InputError for axes that cannot run: each names the axis.
         """
@@ -77,6 +85,7 @@ class MotionKernel:
         if not 25e-6 <= self._T <= 0.1:
             raise InputError("cycle_time", cycle_time, "must lie in 25e-6 .. 0.1 s")
         self._name = name or f"kernel-{os.getpid()}-{next(_numbers)}"
+        self._clock = clock or Clock()
         self._process: subprocess.Popen[bytes] | None = None
         self._segment: Segment | None = None
         self._kernel: Any = _build(self._axes, self._T, ffi.NULL)  # checks everything now
@@ -113,7 +122,7 @@ class MotionKernel:
             )
             assert self._process.stdin is not None
             assert self._process.stdout is not None
-            pickle.dump((self._name, self._axes, self._T), self._process.stdin)
+            pickle.dump((self._name, self._axes, self._T, self._clock), self._process.stdin)
             self._process.stdin.flush()
             if self._process.stdout.readline() != b"running\n":
                 raise KernelGoneError(f"kernel {self._name!r} did not start")
@@ -196,12 +205,18 @@ def serve() -> None:
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, terminate)
-    name, axes, cycle_time = pickle.load(sys.stdin.buffer)
+    name, axes, cycle_time, clock = pickle.load(sys.stdin.buffer)
     with Segment.attach(name, layout(len(axes)), role="kernel") as segment:
         kernel = _build(axes, cycle_time, segment.base)
         end = ffi.new("int32_t *")
-        period_ns = round(cycle_time * 1e9)
-        cycle = threading.Thread(target=lib.sj_clock_run, args=(kernel, period_ns, end))
+        options = clock.to_c(cycle_time)
+
+        def run() -> None:
+            report = ffi.addressof(kernel.feedback, "clock")
+            lib.sj_clock_prepare(kernel, layout(len(axes)).size, options, report)
+            lib.sj_clock_run(kernel, options, end)
+
+        cycle = threading.Thread(target=run)
         with HostWatch(segment, period_s=0.01):
             cycle.start()
             try:
