@@ -10,24 +10,30 @@ from sjerk.errors import (
     PlanError,
     RefusedError,
     SjerkError,
+    SupersededError,
 )
-from sjerk.feedback import AxisFeedback, Feedback, Timing
+from sjerk.feedback import AxisFeedback, Event, EventKind, Feedback, Timing
 from sjerk.host import Host, Move, MoveState
-from sjerk.kernel import Axis, MotionKernel
+from sjerk.kernel import Axis, Image, MotionKernel, Reactions
 from sjerk.planning import Motion, Plans, plan, plan_many, plan_velocity
 from sjerk.profile import Extrema, Limits, Phase, Profile, Range, Samples, State, scurve
+from sjerk.states import AxisState
 
 __all__ = [
     "Axis",
     "AxisFeedback",
+    "AxisState",
     "Clock",
     "ClockReport",
     "Drive",
     "DriveConfig",
+    "Event",
+    "EventKind",
     "Extrema",
     "Feedback",
     "Grant",
     "Host",
+    "Image",
     "InfeasibleError",
     "InputError",
     "KernelGoneError",
@@ -42,10 +48,12 @@ __all__ = [
     "Plans",
     "Profile",
     "Range",
+    "Reactions",
     "RefusedError",
     "Samples",
     "SjerkError",
     "State",
+    "SupersededError",
     "Timing",
     "plan",
     "plan_many",

@@ -5,11 +5,16 @@ Never here: commands, equations, layouts.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from enum import IntEnum
 from typing import Any
 
+from sjerk._binding import ffi, lib
 from sjerk.cia402 import State as DriveState
 from sjerk.clock import ClockReport
+from sjerk.profile import Limits
+from sjerk.states import AxisState
 
 
 @dataclass(frozen=True)
@@ -19,7 +24,8 @@ class AxisFeedback:
     ``position`` to ``jerk`` are the commanded sample, ``peak_*`` the largest magnitudes of it since
     the last goal came, ``actual_*`` the encoder's. ``settled``: the goal has been reached.
     ``following_error`` is the drive's own (60F4h,
-    increments).
+    increments). ``limits`` are those in force, with the position limits; ``wrap`` axis units make
+    one turn, 0 for none.
     """
 
     position: float
@@ -43,6 +49,15 @@ class AxisFeedback:
     follows: bool
     enabled: bool
     fault: bool
+    state: AxisState
+    limits: Limits
+    unit: str
+    wrap: float
+
+    @property
+    def turned(self) -> float:
+        """The commanded position within one turn, 0 .. ``wrap``; ``position`` without a wrap."""
+        return self.position % self.wrap if self.wrap else self.position
 
     @property
     def drive_state(self) -> DriveState:
@@ -99,6 +114,8 @@ class Feedback:
         self._cycle_time = cycle_time
         self.cycle = int(frame.cycle)
         self.time_ns = int(frame.time_ns)
+        self.override = float(frame.override)
+        self.hold = bool(frame.hold)
         self.axes = tuple(_axis_feedback(frame.axis[i], cycle_time) for i in range(frame.axes))
 
     def __repr__(self) -> str:
@@ -120,6 +137,62 @@ class Feedback:
             int(frame.late),
             ClockReport.of(frame.clock),
         )
+
+
+def limits_of(raw: Any, T: float) -> Limits:
+    """The limits in force of a ``sj_axis_feedback``, per second."""
+    own = raw.limits
+    free = raw.position_min == -math.inf and raw.position_max == math.inf
+    return Limits(
+        own.velocity / T,
+        own.acceleration / T**2,
+        own.jerk / T**3,
+        deceleration=own.deceleration / T**2,
+        deceleration_jerk=own.deceleration_jerk / T**3,
+        position=None if free else (raw.position_min, raw.position_max),
+    )
+
+
+class EventKind(IntEnum):
+    """What an event is about; ``Event.code`` and ``Event.value`` depend on it."""
+
+    GOAL = lib.SJ_EVENT_GOAL
+    STATE = lib.SJ_EVENT_STATE
+    HOST = lib.SJ_EVENT_HOST
+    SPOILT = lib.SJ_EVENT_SPOILT
+    FAULT = lib.SJ_EVENT_FAULT
+    FOLLOWING = lib.SJ_EVENT_FOLLOWING
+    LATE = lib.SJ_EVENT_LATE
+    ANCHOR = lib.SJ_EVENT_ANCHOR
+    LIMITS = lib.SJ_EVENT_LIMITS
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something that happened in a cycle of the kernel.
+
+    ``axis`` is None for all. ``code``: of a goal or of limits the ``enum sj_result``, of a state
+    the new ``AxisState``, of a fault the drive's 603Fh (-1: homing failed). ``value``: the state
+    before, the following error (axis unit), or how many cycles were late.
+    """
+
+    cycle: int
+    kind: EventKind
+    axis: int | None
+    code: int
+    value: float
+    goal_id: int
+
+    def __str__(self) -> str:
+        where = "" if self.axis is None else f" axis {self.axis}"
+        what = AxisState(self.code).name if self.kind is EventKind.STATE else str(self.code)
+        return f"cycle {self.cycle}{where}: {self.kind.name} {what} {self.value:g}"
+
+    @classmethod
+    def of(cls, raw: Any) -> Event:
+        """Read a ``sj_kernel_event``."""
+        axis = None if raw.axis < 0 else int(raw.axis)
+        return cls(raw.cycle, EventKind(raw.kind), axis, raw.code, raw.value, raw.goal_id)
 
 
 def _axis_feedback(raw: Any, T: float) -> AxisFeedback:
@@ -145,4 +218,8 @@ def _axis_feedback(raw: Any, T: float) -> AxisFeedback:
         follows=bool(raw.follows),
         enabled=bool(raw.enabled),
         fault=bool(raw.fault),
+        state=AxisState(raw.state),
+        limits=limits_of(raw, T),
+        unit=ffi.string(raw.unit).decode(),
+        wrap=raw.wrap,
     )
