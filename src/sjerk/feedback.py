@@ -111,7 +111,7 @@ class Feedback:
     def __init__(self, frame: Any, cycle_time: float) -> None:
         """Not for callers: ``Host.feedback`` makes it from a private copy of the frame."""
         self._frame = frame
-        self._cycle_time = cycle_time
+        self.cycle_time = cycle_time
         self.cycle = int(frame.cycle)
         self.time_ns = int(frame.time_ns)
         self.override = float(frame.override)

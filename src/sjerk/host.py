@@ -13,7 +13,7 @@ from collections.abc import Callable, Generator, Iterable, Sequence
 from dataclasses import replace
 from enum import Enum
 from functools import cache
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 from sjerk._binding import ffi, lib
 from sjerk.errors import (
@@ -157,6 +157,13 @@ class Move:
         """Whether the command has settled on the goal."""
         return self.state is MoveState.DONE
 
+    def accepted(self, timeout: float | None = 5.0) -> None:
+        """Return when the kernel has taken it; raises as ``wait`` does."""
+        self._host._wait_until(
+            lambda frame: self._state(frame) is not MoveState.SENT, timeout, "an answer"
+        )
+        self._raise()
+
     def cancel(self) -> None:
         """Halt the axes of this move, together; nothing if it is over or replaced."""
         if self.state in (MoveState.SENT, MoveState.MOVING):
@@ -195,74 +202,50 @@ class Move:
             raise MotionStoppedError(self.position)
 
 
-class Host:
-    """The one host of a kernel: context manager, made by ``MotionKernel.host``.
+class Monitor:
+    """Whoever reads a running kernel: no lock, no command, as many as there are."""
 
-    Leaving it is in order and stops nothing; a host that dies stops the motion.
-    """
-
-    def __init__(self, segment: Segment, *, cyclic: bool) -> None:
-        """Not for callers. ``cyclic``: a process runs the cycle, so that waiting makes sense."""
+    def __init__(self, segment: Segment, *, cyclic: bool = True) -> None:
+        """Not for callers: ``Monitor.attach``, or ``MotionKernel.host`` for a host."""
         self._segment = segment
         self._axes = axes_of(segment)
         self._cyclic = cyclic
-        self._command = ffi.new("sj_command *")
-        self._command.override = 1.0
         self._buffer = ffi.new("sj_feedback *")
         self._sequence = ffi.new("uint64_t *")
         self._event = ffi.new("sj_kernel_event *")
         self._missed = ffi.new("uint64_t *")
-        self._cursor, self._shown = (
-            ffi.new("uint64_t *", lib.sj_event_latest(segment.base)) for _ in range(2)
-        )
-        self._results: dict[int, tuple[int, int]] = {}
-        self._lock = threading.Lock()  # cffi lets other threads run: two would write as one
-        self._T = 0.0
-        if cyclic:
-            self._wait_until(lambda frame: True, 5.0, "the first cycle")
-            self._go_on(self._frame())
-
-    def _go_on(self, frame: Any) -> None:
-        """From what the kernel has taken, whoever was host before."""
-        command = self._command
-        self._T = frame.cycle_time_s
-        command.sequence, command.goal_id = frame.sequence, frame.result_goal_id
-        command.override, command.hold = frame.override, frame.hold
-        for i in range(self._axes):
-            for name in ("enable", "halts", "quick_stops", "resets", "limit_sets"):
-                setattr(command.axis[i], name, getattr(frame.axis[i], name))
-        self._limits = [limits_of(frame.axis[i], self._T) for i in range(self._axes)]
-        self._wraps = [float(frame.axis[i].wrap) for i in range(self._axes)]
+        self._shown = ffi.new("uint64_t *", lib.sj_event_latest(segment.base))
 
     @classmethod
-    def attach(cls, name: str, *, wait: float = 0.0) -> Host:
-        """Become the host of the running kernel ``name`` from another process.
+    def attach(cls, name: str, *, wait: float = 0.0) -> Self:
+        """Read the running kernel ``name``. Raises HandshakeError: no such kernel, another version.
 
-        ``wait``: seconds to wait for a host that is about to leave. Raises HandshakeError: no such
-        kernel, a kernel of another version, or a living host.
+        ``wait`` is for hosts.
         """
-        end = time.monotonic() + wait
-        while True:
-            try:
-                return cls(Segment.attach(name, role="host"), cyclic=True)
-            except HostTakenError:
-                if time.monotonic() > end:
-                    raise
-                time.sleep(1e-3)
+        monitor = cls(Segment.attach(name, role="monitor"))
+        monitor._wait_until(lambda frame: True, 5.0, "the first cycle")
+        return monitor
 
-    def __enter__(self) -> Host:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
         self.close()
 
     def close(self) -> None:
-        """Leave the kernel to itself; a motion goes on to its end."""
+        """Let go of the kernel; it does not notice."""
         if self._cyclic and not self._segment.closed:
-            lib.sj_shm_leave_host(self._segment.base)
             self._segment.close()
 
-    # ---- reading
+    @property
+    def name(self) -> str:
+        """Name of the kernel."""
+        return self._segment.name
+
+    @property
+    def kernel_lives(self) -> bool:
+        """Whether the process of the kernel is there."""
+        return not self._cyclic or self._segment.kernel_lives()
 
     def _read(self) -> Any | None:
         """The newest frame in the own buffer, or None before the first cycle."""
@@ -297,17 +280,6 @@ class Host:
         base = self._segment.base
         return bool(lib.sj_event_read(base, cursor, self._event, self._missed) == 1)
 
-    def _result(self, goal_id: int, frame: Any) -> tuple[int, int] | None:
-        """Result and axis of a goal that the kernel has passed; None: it never saw it."""
-        if frame.result_goal_id == goal_id:
-            return frame.result, frame.result_axis
-        with self._lock:
-            while self._next_event(self._cursor):
-                if self._event.kind == EventKind.GOAL:
-                    self._results[self._event.goal_id] = (self._event.code, self._event.axis)
-                    self._results.pop(self._event.goal_id - _RESULTS, None)
-        return self._results.get(goal_id)
-
     def _alive(self, what: str) -> None:
         if self._cyclic and not self._segment.kernel_lives():
             raise KernelGoneError(f"the kernel ended while waiting for {what}")
@@ -327,6 +299,71 @@ class Host:
             if end is not None and time.monotonic() > end:
                 raise TimeoutError(f"{what}: not within {timeout} s")
             time.sleep(200e-6)
+
+
+class Host(Monitor):
+    """The one host of a kernel: context manager, made by ``MotionKernel.host``.
+
+    Leaving it is in order and stops nothing; a host that dies stops the motion.
+    """
+
+    def __init__(self, segment: Segment, *, cyclic: bool) -> None:
+        """Not for callers. ``cyclic``: a process runs the cycle, so that waiting makes sense."""
+        super().__init__(segment, cyclic=cyclic)
+        self._command = ffi.new("sj_command *")
+        self._command.override = 1.0
+        self._cursor = ffi.new("uint64_t *", lib.sj_event_latest(segment.base))
+        self._results: dict[int, tuple[int, int]] = {}
+        self._lock = threading.Lock()  # cffi lets other threads run: two would write as one
+        self._T = 0.0
+        if cyclic:
+            self._wait_until(lambda frame: True, 5.0, "the first cycle")
+            self._go_on(self._frame())
+
+    def _go_on(self, frame: Any) -> None:
+        """From what the kernel has taken, whoever was host before."""
+        command = self._command
+        self._T = frame.cycle_time_s
+        command.sequence, command.goal_id = frame.sequence, frame.result_goal_id
+        command.override, command.hold = frame.override, frame.hold
+        for i in range(self._axes):
+            for name in ("enable", "halts", "quick_stops", "resets", "limit_sets"):
+                setattr(command.axis[i], name, getattr(frame.axis[i], name))
+        self._limits = [limits_of(frame.axis[i], self._T) for i in range(self._axes)]
+        self._wraps = [float(frame.axis[i].wrap) for i in range(self._axes)]
+
+    @classmethod
+    def attach(cls, name: str, *, wait: float = 0.0) -> Self:
+        """Become the host of the running kernel ``name`` from another process.
+
+        ``wait``: seconds to wait for a host that is about to leave. Raises HandshakeError: no such
+        kernel, a kernel of another version, or a living host.
+        """
+        end = time.monotonic() + wait
+        while True:
+            try:
+                return cls(Segment.attach(name, role="host"), cyclic=True)
+            except HostTakenError:
+                if time.monotonic() > end:
+                    raise
+                time.sleep(1e-3)
+
+    def close(self) -> None:
+        """Leave the kernel to itself; a motion goes on to its end."""
+        if self._cyclic and not self._segment.closed:
+            lib.sj_shm_leave_host(self._segment.base)
+            self._segment.close()
+
+    def _result(self, goal_id: int, frame: Any) -> tuple[int, int] | None:
+        """Result and axis of a goal that the kernel has passed; None: it never saw it."""
+        if frame.result_goal_id == goal_id:
+            return frame.result, frame.result_axis
+        with self._lock:
+            while self._next_event(self._cursor):
+                if self._event.kind == EventKind.GOAL:
+                    self._results[self._event.goal_id] = (self._event.code, self._event.axis)
+                    self._results.pop(self._event.goal_id - _RESULTS, None)
+        return self._results.get(goal_id)
 
     # ---- commanding
 

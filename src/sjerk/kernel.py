@@ -202,7 +202,7 @@ class MotionKernel:
         if not 25e-6 <= self._T <= 0.1:
             raise InputError("cycle_time", cycle_time, "must lie in 25e-6 .. 0.1 s")
         self._name = name or f"kernel-{os.getpid()}-{next(_numbers)}"
-        self._clock = clock or Clock()
+        self.clock = clock or Clock()
         self._reactions = reactions or Reactions()
         self._process: subprocess.Popen[bytes] | None = None
         self._segment: Segment | None = None
@@ -227,6 +227,11 @@ class MotionKernel:
         """The axes, by number."""
         return self._axes
 
+    @property
+    def alive(self) -> bool:
+        """Whether the kernel's process runs."""
+        return self._process is not None and self._process.poll() is None
+
     # ---- a process of its own
 
     def __enter__(self) -> MotionKernel:
@@ -245,7 +250,7 @@ class MotionKernel:
             )
             assert self._process.stdin is not None
             assert self._process.stdout is not None
-            order = (self._name, self._axes, self._T, self._clock, self._reactions)
+            order = (self._name, self._axes, self._T, self.clock, self._reactions)
             pickle.dump(order, self._process.stdin)
             self._process.stdin.flush()
             if self._process.stdout.readline() != b"running\n":
