@@ -17,6 +17,7 @@ import shutil
 import socket
 import statistics
 import subprocess
+import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -24,6 +25,7 @@ from typing import Any
 
 import pytest
 
+from conftest import Report
 from sjerk._binding import ffi, lib
 from sjerk.handshake import Layout, Segment
 
@@ -354,7 +356,7 @@ class Bench:
         return took
 
 
-def test_round_trips(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_round_trips(tmp_path: Path, capsys: pytest.CaptureFixture[str], report: Report) -> None:
     """A table of medians and ratios; only their order is asserted."""
     bench = Bench(tmp_path)
     ways: dict[str, tuple[Ask, int]] = {
@@ -377,7 +379,7 @@ def test_round_trips(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
         for _ in range(ROUNDS):
             for way, (ask, count) in ways.items():
                 with capsys.disabled():
-                    print(f"\r{way:40}", end="", flush=True)
+                    sys.stderr.write(f"\r{way:40}\r")
                 os.sched_setaffinity(0, {bench.ours})
                 medians[way].append(statistics.median(ask(count)) / 1000)
                 os.sched_setaffinity(0, before)
@@ -391,17 +393,15 @@ def test_round_trips(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     head = (
         f"round trip of {BYTES} bytes, {ROUNDS} rounds: median of the medians [lowest .. highest]"
     )
-    lines = [f"\r{'':40}\n{head}"]
     for way, values in medians.items():
         middle, spread = statistics.median(values), f"[{min(values):.2f} .. {max(values):.2f}]"
-        lines.append(f"  {way:34}{middle:9.2f} us  {spread:20}{ratios[way]:7.2f} times ours")
-    lines.append(
-        f"  ours against TCP 1 : {ratios['TCP loopback']:.0f}, "
+        report.line(head, f"{way:34}{middle:9.2f} us  {spread:20}{ratios[way]:7.2f} times ours")
+    report.line(
+        head,
+        f"ours against TCP 1 : {ratios['TCP loopback']:.0f}, "
         + ("" if absent else f"against iceoryx2 1 : {ratios[ICEORYX]:.1f}, ")
-        + f"against the limit {1 / ratios[LIMIT]:.1f} : 1"
+        + f"against the limit {1 / ratios[LIMIT]:.1f} : 1",
     )
     if absent:
-        lines.append("  iceoryx2 is not installed (extra `bench`)")
-    with capsys.disabled():
-        print("\n".join(lines))
+        report.line(head, "iceoryx2 is not installed (extra `bench`)")
     assert ratios[LIMIT] < 1 < ratios["TCP loopback"]

@@ -83,8 +83,8 @@ def test_a_person_runs_a_kernel_by_commands(tmp_path: Path) -> None:
         code, after = say("move", "0=10", "1=-5", "--synchronization", "phase")
         assert code == 0
         assert [axis["position"] for axis in after["axes"]] == [10.0, -5.0]
-        assert sjerk("move", "0=171", "--name", name).returncode == 2  # beyond the limits
-        assert sjerk("move", "0=x", "--name", name).returncode == 2
+        assert sjerk("move", "0=171", "--name", name).returncode == 1  # beyond the limits
+        assert sjerk("move", "0=x", "--name", name).returncode == 1
         assert sjerk("move", "0=160", "--timeout", "0.05", "--name", name).returncode == 5
         code, after = say("stop", "--quick")
         assert code == 0

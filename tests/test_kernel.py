@@ -250,7 +250,7 @@ def test_a_command_that_was_forged_is_refused_by_the_kernel() -> None:
     assert send(1e300, 0.0, 1e-6) == lib.SJ_RESULT_RANGE
     for velocity, limit in ((nan, 1e-6), (inf, 1e-6), (1.0, 1e-6), (0.0, 0.0), (0.0, -1.0)):
         assert send(1.0, velocity, limit) == lib.SJ_RESULT_PLAN
-    assert send(1.0, 0.0, nan) == lib.SJ_RESULT_PLAN
+    assert send(1.0, 0.0, nan) == lib.SJ_RESULT_LIMITS
     assert not host.feedback().moving
     assert send(1.0, 0.0, 5e-6) == lib.SJ_RESULT_ACCEPTED
     assert host.feedback().moving

@@ -45,9 +45,8 @@ def test_wheel_and_sdist_build_and_the_wheel_works_alone(tmp_path: Path) -> None
     run = subprocess.run([python, "-c", program], capture_output=True, text=True, cwd=tmp_path)
     assert run.stdout == "works\n", run.stderr
     # without the extra the demo prints the table and says what draws the picture
-    csv = ROOT / "src" / "sjerk" / "data" / "panda_joint1.csv"
     run = subprocess.run(
-        [python.with_name("sjerk"), "demo", csv], capture_output=True, text=True, cwd=tmp_path
+        [python.with_name("sjerk"), "demo"], capture_output=True, text=True, cwd=tmp_path
     )
     assert run.returncode == 0, run.stderr
     assert "final error" in run.stdout

@@ -1,6 +1,6 @@
 """The command line of sjerk, thin: arguments in, exit code out.
 
-Exit codes: 0 done, 1 an error that is told in one line, 2 wrong arguments or a wrong file,
+Exit codes: 0 done, 1 an error that is told in one line, 2 wrong arguments,
 3 refused by the kernel, 4 stopped or superseded on the way, 5 not within the time, 6 no such
 kernel, or it ended, 130 stopped by Ctrl-C.
 """
@@ -13,7 +13,6 @@ from pathlib import Path
 
 from sjerk import commands, demo
 from sjerk.errors import (
-    InputError,
     KernelGoneError,
     MotionStoppedError,
     RefusedError,
@@ -41,7 +40,7 @@ def arguments() -> argparse.ArgumentParser:
     job.add_argument("--joint", help="joint of a bag (default: its first)")
     job.add_argument("--cycle-us", type=float, default=1000.0, help="control cycle (%(default)s)")
     job.set_defaults(
-        run=lambda o: demo.run(o.path, o.out, o.cycle_us * 1e-6, o.joint),
+        run=lambda o: demo.run(o.path, o.out, o.cycle_us / 1e6, o.joint),
     )
     commands.add_arguments(jobs)
     job = jobs.add_parser("clean", help="remove the segments of kernels that are dead")
@@ -63,7 +62,6 @@ def _clean(options: argparse.Namespace) -> int:
 
 
 _CODES: dict[type[Exception], int] = {
-    InputError: 2,
     RefusedError: 3,
     MotionStoppedError: 4,
     TimeoutError: 5,

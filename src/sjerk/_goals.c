@@ -247,6 +247,17 @@ static int32_t trigger_of(const sj_axis_goal *goal)
                                                                    : SJ_TRIGGER_MOVE;
 }
 
+/* No limit of a goal may exceed the axis's own, which its drive was checked against. */
+static int32_t within(const sj_limits *asked, const sj_limits *own)
+{
+    const double slack = 1.0 + 1e-12; /* for conversions to cycle units and back */
+    return asked->velocity <= own->velocity * slack &&
+           asked->acceleration <= own->acceleration * slack &&
+           asked->jerk <= own->jerk * slack &&
+           asked->deceleration <= own->deceleration * slack &&
+           asked->deceleration_jerk <= own->deceleration_jerk * slack;
+}
+
 static int32_t judge(const sj_axis *ax, const sj_axis_goal *goal)
 {
     const sj_axis_config *config = &ax->config;
@@ -254,17 +265,17 @@ static int32_t judge(const sj_axis *ax, const sj_axis_goal *goal)
         return SJ_RESULT_RANGE;
     if (sj_axis_next(ax->state, trigger_of(goal)) < 0)
         return ax->following || ax->error || ax->homing ? SJ_RESULT_STATE : SJ_RESULT_NOT_FOLLOWING;
-    if (!ax->following)
+    if (!ax->following || !ax->enable)
         return SJ_RESULT_NOT_FOLLOWING;
     if (goal->kind == SJ_GOAL_HOME)
         return SJ_RESULT_ACCEPTED;
+    if (!within(&goal->limits, &config->limits))
+        return SJ_RESULT_LIMITS;
     /* beyond 2^52 increments a double no longer tells two of them apart */
     if (!(fabs(goal->goal * config->counts_per_unit) < 4503599627370496.0))
         return SJ_RESULT_RANGE;
     if (!(fabs(goal->goal_velocity) <= goal->limits.velocity))
         return SJ_RESULT_PLAN;
-    if (goal->limits.velocity > config->velocity_max * (1.0 + 1e-9))
-        return SJ_RESULT_SPEED;
     if (goal->kind == SJ_GOAL_ABSOLUTE &&
         (goal->goal < config->position_min || goal->goal > config->position_max))
         return SJ_RESULT_LIMIT;

@@ -695,10 +695,11 @@ enum sj_result {                        /* what became of a goal */
     SJ_RESULT_PLAN = 3,                 /* refused: a number or limit that cannot be planned */
     SJ_RESULT_RANGE = 4,                /* refused: not a number, or beyond the drive's counter */
     SJ_RESULT_STOPPED = 5,              /* refused: came with a stop, or the kernel is ending */
-    SJ_RESULT_STATE = 6,                /* refused: the axis stops, homes, or has an error */
-    SJ_RESULT_LIMIT = 7,                /* refused: it would leave the axis' position limits */
-    SJ_RESULT_SPEED = 8,                /* refused: faster than the drive follows */
-    SJ_RESULTS = 9
+    SJ_RESULT_LIMITS = 6,               /* refused: limits above those of the axis */
+    SJ_RESULT_STATE = 7,                /* refused: the axis stops, homes, or has an error */
+    SJ_RESULT_LIMIT = 8,                /* refused: it would leave the axis' position limits */
+    SJ_RESULT_SPEED = 9,                /* refused: faster than the drive follows */
+    SJ_RESULTS = 10
 };
 
 enum sj_goal_kind {

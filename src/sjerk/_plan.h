@@ -1,5 +1,5 @@
-/* What the planner's files share: the task in its frame, whole cycles, plans under construction, node
-   paths. Not part of the contract of the rooms (_kernel.h); never read by cffi. */
+/* What the planner's files share: the task in its frame, whole cycles, plans under construction,
+   node paths. Not part of the contract of the rooms (_kernel.h); never read by cffi. */
 #ifndef SJ_PLAN_INTERNAL_H
 #define SJ_PLAN_INTERNAL_H
 #include <math.h>       /* sqrt, cbrt, fma, fabs */
@@ -7,11 +7,16 @@
 #include <stdint.h>     /* int64_t cycles */
 #include "_kernel.h"
 
-static const double SLACK = 1e-10;      /* relative room for rounding in counts and levels; a tenth of what is promised */
-enum { NEWTON_STEPS = SJ_ROOT_STEPS, LENGTH_STEPS = SJ_LENGTH_STEPS, SYNC_ROUNDS = SJ_SYNC_ROUNDS, NODES = 40 };
+/* relative room for rounding in counts and levels; a tenth of what is promised */
+static const double SLACK = 1e-10;
+enum {
+    NEWTON_STEPS = SJ_ROOT_STEPS, LENGTH_STEPS = SJ_LENGTH_STEPS, SYNC_ROUNDS = SJ_SYNC_ROUNDS,
+    NODES = 40
+};
 static const double LONGEST = SJ_CYCLES_MAX;
 
-/* A planning task with its limits turned so that "up" is the direction in which the move is pushed. */
+/* A planning task with its limits turned so that "up" is the direction in which the move
+   is pushed. */
 typedef struct {
     double h, v0, a0, v1;
     double vmax;
@@ -23,7 +28,8 @@ typedef struct {
 
 static inline task mirrored(const task *t)
 {
-    return (task){-t->h, -t->v0, -t->a0, -t->v1, t->vmax, t->ad, t->jd, t->au, t->ju, -t->sign, -t->first};
+    return (task){-t->h, -t->v0, -t->a0, -t->v1, t->vmax, t->ad, t->jd, t->au, t->ju, -t->sign,
+        -t->first};
 }
 
 static inline double up(double x)      /* whole cycles for x, rounding noise forgiven */
@@ -69,8 +75,24 @@ void sj_path_put(sj_plan *p, const path *x, const task *t);
 void sj_node(path *x, double k, double a);
 int sj_ramp(double v0, double a0, double dv, double vmax, double au, double ad, double j, path *x);
 
+/* _return.c */
+void sj_shed(task *t, sj_plan *p);
+void sj_come_back(task *t, sj_plan *p);
+
+/* _rescue.c */
+int sj_go_to_velocity(task *t, double v, sj_plan *p);
+int sj_by_stopping(const task *start, double length, sj_plan *p);
+int sj_by_shedding(const task *start, sj_plan *p);
+
+/* _profile.c */
+int sj_move(const task *start, sj_plan *p, int again);
+
+/* What a search for a length has learnt, for both directions: cycles up to the velocity limit, and
+   down from it. */
+typedef struct { int known; double s, r; } summit;
+
 /* _mix.c */
-int sj_mix(const task *t, double n, double *nearest, sj_plan *p);
-int sj_mix_from(const task *t, double *n, double longest, sj_plan *p);
+int sj_mix(const task *t, double n, double *nearest, summit *m, sj_plan *p);
+int sj_mix_from(const task *t, double *n, double longest, summit *m, sj_plan *p);
 
 #endif

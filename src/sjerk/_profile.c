@@ -1,16 +1,19 @@
 /* Plans from any state to any target, in whole control cycles.
 
-   Holds the paper's Eqs. 9-14 for any start: with the lengths of the phases fixed to whole cycles, levels and
-   velocity follow from two linear equations (seven_fit, four_fit). The lengths come from the continuous optimum,
-   which is one scalar root: ramp, cruise, ramp with the peak velocity as unknown (family), or braking that is
-   eased for a while (by_easing). Where no rounding serves, the mix of two plans of equal length does (_mix.c);
-   where that fails too, the acceleration is shed first; and the last resort, which always exists, is to stop.
+   Holds the paper's Eqs. 9-14 for any start: with the lengths of the phases fixed to whole cycles,
+   levels and velocity follow from two linear equations (seven_fit, four_fit). The lengths come
+   from the continuous optimum, which is one scalar root: ramp, cruise, ramp with the peak
+   velocity as unknown (family), or braking that is eased for a while (by_easing). Where no
+   rounding serves, the mix of two plans of equal length does (_mix.c); where that fails too, the
+   acceleration is shed first; and the last resort, which always exists, is to stop (_rescue.c).
+   A start outside its limits is brought back first (_return.c).
 
-   Frame: cycle = 1, position relative to the start; h > 0 is "up" at the entrance, and the task is mirrored when
-   the push goes the other way. Limits (clause of the contract): acceleration and jerk in the direction of the
-   move, deceleration and deceleration jerk against it, whatever the sign of the velocity; the direction is the
-   sign of h, or of v1, v0, a0, the first that is not zero (sj_plan_velocity: of v1, v0, a0).
-   Work is bounded: NEWTON_STEPS per root, LENGTH_STEPS lengths per search, SYNC_ROUNDS rounds of synchronisation.
+   Frame: cycle = 1, position relative to the start; h > 0 is "up" at the entrance, and the task is
+   mirrored when the push goes the other way. Limits (clause of the contract): acceleration and
+   jerk in the direction of the move, deceleration and deceleration jerk against it, whatever the
+   sign of the velocity; the direction is the sign of h, or of v1, v0, a0, the first that is not
+   zero (sj_plan_velocity: of v1, v0, a0). Work is bounded: NEWTON_STEPS per root, LENGTH_STEPS
+   lengths per search, SYNC_ROUNDS rounds of synchronisation.
 
    Never here: memory, clocks, statics, input or output, following error, cycle time. */
 #include "_plan.h"
@@ -18,7 +21,8 @@
 /* ---- the shortest move in continuous time ---- */
 
 typedef struct {
-    double vs, vz;      /* virtual start without acceleration; velocity when the acceleration is brought to zero */
+    /* virtual start without acceleration; velocity when the acceleration is brought to zero */
+    double vs, vz;
     double t0, p0;      /* what the virtual start adds to time and distance */
     double low;         /* lowest peak velocity of the family */
 } family;
@@ -42,8 +46,13 @@ static family family_of(const task *t)
 static double family_distance(const task *t, const family *f, double v)
 {
     double x1 = most(0, v - f->vs), x2 = most(0, v - t->v1);
-    return f->p0 + (v + f->vs) / 2 * ramp_time(x1, t->au, t->ju) + (v + t->v1) / 2 * ramp_time(x2, t->ad, t->jd);
+    return f->p0 + (v + f->vs) / 2 * ramp_time(x1, t->au, t->ju)
+        + (v + t->v1) / 2 * ramp_time(x2, t->ad, t->jd);
 }
+
+/* The far root need not exist, and then the way is given up later: few steps serve where it
+   does. */
+enum { FAR_STEPS = 16 };
 
 /* Peak velocity at which the family covers h. In z = sqrt(v - base) the distance is smooth. */
 static double family_peak(const task *t, const family *f, double at_low, int far)
@@ -56,12 +65,16 @@ static double family_peak(const task *t, const family *f, double at_low, int far
     if (t->jd != t->ju) { double q = 2 / (1 / sqrt(t->ju) + 1 / sqrt(t->jd)); jh = q * q; }
     if (t->ad != t->au) ah = 2 * t->au * t->ad / (t->au + t->ad);
     double v = cbrt(x * x * jh / 4);
-    if (v * jh > ah * ah) { double q = ah / jh; v = 0.5 * (sqrt(ah * (ah * q * q + 4 * x)) - ah * q); }
+    if (v * jh > ah * ah) {
+        double q = ah / jh;
+        v = 0.5 * (sqrt(ah * (ah * q * q + 4 * x)) - ah * q);
+    }
     double z = sqrt(most(0, (v + f->low - base) * jb));
     if (far || !(z < hi)) z = hi;
     if (z < lo) z = lo;
     double scale = 1e-13 * (fabs(t->h) + fabs(at_low));
-    for (int i = 0; i < NEWTON_STEPS; i++) {
+    if (!far && x <= 0) return f->low;
+    for (int i = 0; i < (far ? FAR_STEPS : NEWTON_STEPS); i++) {
         v = base + z * z / jb;
         double x1 = v - f->vs, x2 = v - t->v1, t1, t2, d1, d2;
         if (second) x2 = z * z / jb; else x1 = z * z / jb;
@@ -72,7 +85,8 @@ static double family_peak(const task *t, const family *f, double at_low, int far
         double e = f->p0 + 0.5 * ((v + f->vs) * t1 + (v + t->v1) * t2) - t->h;
         if (e > 0) hi = z; else lo = z;
         if (fabs(e) <= scale) break;
-        double slope = (0.5 * (t1 + t2) + 0.5 * (v + f->vs) * d1 + 0.5 * (v + t->v1) * d2) * 2 * z / jb;
+        double slope = 0.5 * (t1 + t2) + 0.5 * (v + f->vs) * d1 + 0.5 * (v + t->v1) * d2;
+        slope = slope * 2 * z / jb;
         double next = z - e / slope;
         if (!(next > lo && next < hi)) next = 0.5 * (lo + hi);
         if (fabs(next - z) <= 1e-13 * z) { z = next; break; }
@@ -85,14 +99,16 @@ static double family_peak(const task *t, const family *f, double at_low, int far
 
 typedef struct { double n1, n2, n3, n4, n5, n6; double v, a; } seven;
 
-/* With the lengths fixed everything is linear in the cruise velocity (the paper's Eqs. 11-13 for any start):
-   returns whether the plan keeps every limit. */
+/* With the lengths fixed everything is linear in the cruise velocity (the paper's Eqs. 11-13 for
+   any start): returns whether the plan keeps every limit. */
 static int seven_fit(const task *t, seven *s)
 {
-    double n1 = s->n1, n2 = s->n2, n3 = s->n3, r2 = s->n5 + s->n6, m1 = n1 + n2 + n3, m2 = r2 + s->n5;
+    double n1 = s->n1, n2 = s->n2, n3 = s->n3, r2 = s->n5 + s->n6, m1 = n1 + n2 + n3,
+        m2 = r2 + s->n5;
     double c = 1 / (0.5 * (n1 + n3) + n2), q = 0.5 * m1, rest = t->h;
     if (t->a0 != 0.0 || n1 != n3) {
-        q = (n1 * (0.5 * (n2 + n3) + n1 * (1.0 / 6)) + n2 * (n3 + 0.5 * n2) + n3 * n3 * (1.0 / 3)) * c;
+        q = (n1 * (0.5 * (n2 + n3) + n1 * (1.0 / 6)) + n2 * (n3 + 0.5 * n2)
+            + n3 * n3 * (1.0 / 3)) * c;
         rest -= t->a0 * n1 * (0.5 * (n2 + n3 - q) + n1 * (1.0 / 3));
     }
     double v = (rest - t->v0 * (m1 - q) - t->v1 * (0.5 * m2)) / (q + s->n4 + 0.5 * m2);
@@ -114,11 +130,15 @@ static int seven_fit(const task *t, seven *s)
     return fabs(turn) <= t->vmax * one;
 }
 
-static double seven_cycles(const seven *s) { return s->n1 + s->n2 + s->n3 + s->n4 + 2 * s->n5 + s->n6; }
+static double seven_cycles(const seven *s)
+{
+    return s->n1 + s->n2 + s->n3 + s->n4 + 2 * s->n5 + s->n6;
+}
 
 static void seven_put(sj_plan *p, const task *t, const seven *s)
 {
-    double j1 = (s->a - t->a0) / s->n1, j3 = -s->a / s->n3, j5 = (t->v1 - s->v) * (1 / (s->n5 + s->n6)) / s->n5, d = t->sign;
+    double j1 = (s->a - t->a0) / s->n1, j3 = -s->a / s->n3,
+        j5 = (t->v1 - s->v) * (1 / (s->n5 + s->n6)) / s->n5, d = t->sign;
     if (t->a0 == 0.0 && s->n1 == s->n3) j3 = -j1;
     sj_put(p, s->n1, d * j1);
     sj_put(p, s->n2, 0);
@@ -129,8 +149,10 @@ static void seven_put(sj_plan *p, const task *t, const seven *s)
     sj_put(p, s->n5, -d * j5);
 }
 
-/* Cycles of rise (n1), hold (n2), fall (n3) that change the velocity by x from acceleration a0 toward level z. */
-static void ramp_counts(double a0, double x, double z, double amax, double jerk, double jerk1, double *n1, double *n2, double *n3)
+/* Cycles of rise (n1), hold (n2), fall (n3) that change the velocity by x from acceleration a0
+   toward level z. */
+static void ramp_counts(double a0, double x, double z, double amax, double jerk, double jerk1,
+    double *n1, double *n2, double *n3)
 {
     double f = z / jerk, g = (z - a0) / jerk1, best = INFINITY;
     double f0 = most(1, down(f)), g0 = most(1, down(g));
@@ -164,7 +186,8 @@ static void seven_shorten(const task *t, seven *s, double least_cycles)
 /* ---- the ways, best first ---- */
 
 /* Ramp, cruise, ramp with a peak at or above both ends. Sets the continuous optimum's length. */
-static int by_cruise(const task *t, const family *f, double at_low, int far, seven *s, double *optimum)
+static int by_cruise(const task *t, const family *f, double at_low, int far, seven *s,
+    double *optimum)
 {
     double v, t4 = 0, at_top = family_distance(t, f, t->vmax);
     if (at_top <= t->h) { v = t->vmax; t4 = (t->h - at_top) / v; }
@@ -185,13 +208,15 @@ static int by_cruise(const task *t, const family *f, double at_low, int far, sev
     if (v > 0) {
         double n1 = s->n1, c = 0.5 * (n1 + s->n3) + s->n2, a = (v - t->v0 - 0.5 * n1 * t->a0) / c;
         double d1 = t->v0 * m1 + t->a0 * n1 * (0.5 * (s->n2 + s->n3) + n1 / 3)
-                  + a * (n1 * (0.5 * (s->n2 + s->n3) + n1 / 6) + s->n2 * (s->n3 + 0.5 * s->n2) + s->n3 * s->n3 / 3);
+                  + a * (n1 * (0.5 * (s->n2 + s->n3) + n1 / 6) + s->n2 * (s->n3 + 0.5 * s->n2)
+                      + s->n3 * s->n3 / 3);
         s->n4 = most(0, up((t->h - d1 - 0.5 * (v + t->v1) * m2) / v));
     }
     if (!seven_fit(t, s)) {
         int ok = 0;
         for (int i = 0; i < 2 && !ok; i++) { s->n4 += 1; ok = seven_fit(t, s); }
-        /* the peak is where full jerk carries the start anyway: come to zero, or a little across it and back */
+        /* the peak is where full jerk carries the start anyway: come to zero, or a little across it
+           and back */
         double total = s->n1 + s->n2 + s->n3 + s->n4, n1 = most(1, up(fabs(t->a0) / j1));
         for (int i = 0; i < 3 && !ok; i++) {
             s->n1 = n1 + i; s->n2 = 0; s->n3 = 1; s->n4 = most(0, total - s->n1 - 2);
@@ -203,13 +228,14 @@ static int by_cruise(const task *t, const family *f, double at_low, int far, sev
     return 1;
 }
 
-/* Braking that is eased first: from a0 < 0 up to level b, down to level a, held, up to zero; never above zero.
-   Two levels and two linear equations: velocity change and distance. */
+/* Braking that is eased first: from a0 < 0 up to level b, down to level a, held, up to zero; never
+   above zero. Two levels and two linear equations: velocity change and distance. */
 typedef struct { double n1, n2, n3, n4, b, a; } four;
 
 static int four_fit(const task *t, four *s)
 {
-    double n1 = s->n1, n2 = s->n2, n3 = s->n3, n4 = s->n4, r2 = n3 + n4, r1 = n2 + r2, one = 1 + SLACK;
+    double n1 = s->n1, n2 = s->n2, n3 = s->n3, n4 = s->n4, r2 = n3 + n4, r1 = n2 + r2,
+        one = 1 + SLACK;
     double vb = (n1 + n2) / 2, va = (n2 + n4) / 2 + n3;
     double pb = n1 * (r1 / 2 + n1 / 6) + n2 * (r2 / 2 + n2 / 3);
     double pa = n2 * (r2 / 2 + n2 / 6) + n3 * (n4 + n3 / 2) + n4 * n4 / 3;
@@ -219,7 +245,8 @@ static int four_fit(const task *t, four *s)
     double b = (va * dp - pa * dv) / det, a = (pb * dv - vb * dp) / det;
     s->b = b; s->a = a;
     return b <= 0 && a <= 0 && a >= -t->ad * one && b >= -t->ad * one
-        && fabs(b - t->a0) <= one * n1 * t->jd && fabs(a - b) <= one * n2 * t->jd && -a <= one * n4 * t->jd;
+        && fabs(b - t->a0) <= one * n1 * t->jd && fabs(a - b) <= one * n2 * t->jd
+            && -a <= one * n4 * t->jd;
 }
 static void four_put(sj_plan *p, const task *t, const four *s)
 {
@@ -241,7 +268,8 @@ static int by_easing(const task *t, const family *f, four *s, double *optimum)
         z = sqrt(most(0, y * j));
         if (z > t->ad) { time = y / t->ad + t->ad / j; dt = 1 / t->ad; }
         else { time = 2 * z / j; dt = z > 0 ? 1 / z : 0; }
-        double p1 = t1 * (t->v0 + t1 * (t->a0 / 2 + j * t1 / 6)), turn = t->v0 - t1 * (alpha + x) / 2;
+        double p1 = t1 * (t->v0 + t1 * (t->a0 / 2 + j * t1 / 6)),
+            turn = t->v0 - t1 * (alpha + x) / 2;
         double e = p1 + 0.5 * (vs + t->v1) * time - b * (vs - x * b / 6) - t->h;
         if (e > 0) lo = x; else hi = x;
         if (fabs(e) <= scale) break;
@@ -257,178 +285,68 @@ static int by_easing(const task *t, const family *f, four *s, double *optimum)
     *optimum = t1 + t2 + hold + t4;
     double f1 = most(1, down(t1)), f2 = most(1, down(t2)), f3 = down(hold), f4 = most(1, down(t4));
     /* few roundings, shortest total first */
-    static const signed char add[16][4] = {{0,0,0,0}, {1,0,0,0}, {0,1,0,0}, {0,0,1,0}, {0,0,0,1}, {1,1,0,0}, {1,0,1,0}, {1,0,0,1},
-                                           {0,1,1,0}, {0,1,0,1}, {0,0,1,1}, {1,1,1,0}, {1,1,0,1}, {1,0,1,1}, {0,1,1,1}, {1,1,1,1}};
+    static const signed char add[16][4] = {
+        {0, 0, 0, 0}, {1, 0, 0, 0}, {0, 1, 0, 0}, {0, 0, 1, 0}, {0, 0, 0, 1}, {1, 1, 0, 0},
+        {1, 0, 1, 0}, {1, 0, 0, 1}, {0, 1, 1, 0}, {0, 1, 0, 1}, {0, 0, 1, 1}, {1, 1, 1, 0},
+        {1, 1, 0, 1}, {1, 0, 1, 1}, {0, 1, 1, 1}, {1, 1, 1, 1}};
     for (int i = 0; i < 16; i++) {
-        s->n1 = f1 + add[i][0]; s->n2 = f2 + add[i][1]; s->n3 = f3 + add[i][2]; s->n4 = f4 + add[i][3];
+        s->n1 = f1 + add[i][0];
+        s->n2 = f2 + add[i][1];
+        s->n3 = f3 + add[i][2];
+        s->n4 = f4 + add[i][3];
         if (s->n1 + s->n2 + s->n3 + s->n4 < *optimum * (1 - SLACK)) continue;
         if (four_fit(t, s)) return 1;
     }
     return 0;
 }
 
-/* Jerk of a cycle that takes the acceleration from `left` across zero. */
-static double crossing_jerk(const task *t, double left)
+/* A seven-phase or four-phase plan of a task in the frame that pushes up; what is known of the
+   optimum besides. */
+typedef struct {
+    task t;
+    family f;
+    int found;
+    seven s;
+    four e;
+    double optimum, at_low, direct, short_of;
+    /* with two jerks: the acceleration against the push is brought to zero, on a node */
+    sj_plan head;
+    task rest;          /* what the seven phases do: t, or what the head leaves */
+} attempt;
+
+static double found_cycles(const attempt *a)
 {
-    return least(least(t->ju, t->jd), left + (t->a0 > 0 ? t->ad : t->au));
+    if (a->found == SJ_PLAN_CRUISE) return (double)a->head.cycles + seven_cycles(&a->s);
+    if (a->found == SJ_PLAN_EASE) return a->e.n1 + a->e.n2 + a->e.n3 + a->e.n4;
+    return INFINITY;
 }
 
-/* Highest velocity (for a0 > 0, in its direction) on the way to zero acceleration in whole cycles: n of full jerk
-   leave `left`, and the last one either ends at zero or crosses it with the smaller jerk. */
-static double carried(const task *t, double *n, double *left, int *cross)
+static void found_put(const attempt *a, sj_plan *p)
 {
-    double a = fabs(t->a0), j = t->a0 > 0 ? t->ju : t->jd, d = t->a0 > 0 ? 1 : -1;
-    *n = whole(a / j);
-    *left = a - *n * j;
-    if (*left <= 1e-13 * a) *left = 0;
-    double small = crossing_jerk(t, *left);
-    double v = t->v0 + d * *n * (a - *n * j / 2), landed = v + d * *left / 2;
-    *cross = fabs(landed) > t->vmax * (1 + SLACK / 2) && v * d > 0 && *left < small;
-    return *cross ? v + d * *left * *left / (2 * small) : landed;
+    if (a->found == SJ_PLAN_CRUISE) {
+        for (int i = 0; i < a->head.count; i++)
+            sj_put(p, (double)a->head.phase[i].cycles, a->head.phase[i].jerk);
+        seven_put(p, &a->rest, &a->s);
+    } else
+        four_put(p, &a->t, &a->e);
+    p->kind = a->found;
 }
 
-/* Acceleration to zero, or across it in the last cycle where ending at zero would break the velocity limit. */
-static void shed(task *t, sj_plan *p)
+/* With two jerks an acceleration against the push comes to zero on a node, so that each side of
+   zero has its own. */
+static int cruise_after_zero(attempt *a, int far)
 {
-    double n, left, d = t->a0 > 0 ? t->sign : -t->sign, j = t->a0 > 0 ? t->ju : t->jd;
-    int cross;
-    sj_plan q;
-    sj_begin(&q);
-    carried(t, &n, &left, &cross);
-    sj_put(&q, n, -d * j);
-    if (left > 0) sj_put(&q, 1, -d * (cross ? crossing_jerk(t, left) : left));
-    *t = sj_resume(t, &q);
-    if (!cross) t->a0 = 0;
-    for (int i = 0; i < q.count; i++) sj_put(p, (double)q.phase[i].cycles, q.phase[i].jerk);
+    task *u = &a->rest;
+    *u = a->t;
+    sj_begin(&a->head);
+    if (u->ju == u->jd || u->a0 >= 0)
+        return by_cruise(u, &a->f, a->at_low, far, &a->s, &a->optimum) ? SJ_PLAN_CRUISE : 0;
+    sj_shed(u, &a->head);
+    family f = family_of(u);
+    int found = by_cruise(u, &f, family_distance(u, &f, f.low), far, &a->s, &a->optimum);
+    a->optimum += (double)a->head.cycles;
+    return found ? SJ_PLAN_CRUISE : 0;
 }
-
-static int move(const task *start, sj_plan *p, int again);
-
-/* Fastest ramp to (v, 0) from a start that can keep the limits, put into the plan. */
-static int go_to_velocity(task *t, double v, sj_plan *p)
-{
-    path x;
-    double j = t->ju;
-    if (t->ju != t->jd) {
-        double jz = t->a0 > 0 ? t->ju : t->jd, z = t->v0 + t->a0 * fabs(t->a0) / (2 * jz);
-        if (t->a0 != 0 && (t->a0 > 0 ? v >= z + jz / 8 : v <= z - jz / 8)) j = jz;
-        else {
-            /* the sign changes: on a node, or in a cycle of the smaller jerk */
-            shed(t, p);
-            j = v > t->v0 ? t->ju : t->jd;
-            if (t->a0 != 0) j = least(t->ju, t->jd);
-        }
-    }
-    if (!sj_ramp(t->v0, t->a0, v - t->v0, t->vmax * (1 + SLACK), t->au, t->ad, j, &x)) return 0;
-    sj_path_put(p, &x, t);
-    t->h -= sj_path_distance(&x, t->v0);
-    t->v0 = v;
-    t->a0 = 0;
-    return 1;
-}
-
-/* Stop, rest to rest, wait if the plan is to last `length` cycles, run-up: the way that is always there. */
-static int by_stopping(const task *start, double length, sj_plan *p)
-{
-    task t = *start, r;
-    sj_plan head, runup;
-    sj_begin(&head);
-    sj_begin(&runup);
-    if (!go_to_velocity(&t, 0, &head)) return 0;
-    t = sj_resume(start, &head);
-    t.v0 = t.a0 = 0;
-    for (int i = 0; i < head.count; i++) sj_put(p, (double)head.phase[i].cycles, head.phase[i].jerk);
-    double v1 = t.v1;
-    if (v1 != 0) {
-        r = t; r.h = r.first = 0;
-        if (!go_to_velocity(&r, v1, &runup)) return 0;
-        t.h += r.h;
-        t.v1 = 0;
-    }
-    if (!move(&t, p, 0)) return 0;
-    double wait = length - (double)(p->cycles + runup.cycles);
-    if (wait < 0) return 0;
-    if (wait < LONGEST) sj_put_cruise(p, &t, wait);
-    for (int i = 0; i < runup.count; i++) sj_put(p, (double)runup.phase[i].cycles, runup.phase[i].jerk);
-    p->kind = SJ_PLAN_STOP;
-    return 1;
-}
-
-/* A start above the velocity limit, or carried over it: brakes as fast as jerk allows until it is inside. */
-static void come_down(task *t, sj_plan *p)
-{
-    double n, left, top = t->vmax * (1 + SLACK / 2);
-    int cross;
-    double reached = carried(t, &n, &left, &cross);
-    if (t->a0 < 0 && reached < -t->vmax * (1 + SLACK)) return;      /* it falls through: the other side's concern */
-    if (!((t->a0 > 0 ? reached : t->v0) > t->vmax * (1 + SLACK))) return;
-    sj_plan q;
-    sj_begin(&q);
-    task u = *t;
-    if (t->ju != t->jd && t->a0 > 0) {
-        sj_put(&q, n, -t->sign * t->ju);
-        double small = crossing_jerk(t, left);
-        if (left > 0) sj_put(&q, 1, -t->sign * (left < small ? small : left));
-        u = sj_resume(t, &q);
-        if (!(left > 0 && left < small)) u.a0 = 0;
-    }
-    path x;
-    int above = t->ju == t->jd || (u.a0 <= 0 && u.v0 - u.a0 * u.a0 / (2 * t->jd) >= -t->vmax);
-    if (above && sj_ramp(u.v0, u.a0, -t->vmax - u.v0, -1, t->au, t->ad, t->jd, &x)) {
-        double v = u.v0;
-        for (int i = 1; i < x.count; i++) {
-            double a = x.a[i - 1], m = x.k[i] - x.k[i - 1], jerk = (x.a[i] - a) / m, lo = 0, hi = m;
-            if (v + m * (a + m * jerk / 2) <= top && x.a[i] <= 0) {
-                for (int s = 0; s < 64 && hi - lo > 1; s++) {
-                    double mid = whole((lo + hi) / 2);
-                    if (v + mid * (a + mid * jerk / 2) <= top && a + mid * jerk <= 0) hi = mid; else lo = mid;
-                }
-                sj_put(&q, hi, t->sign * jerk);
-                break;
-            }
-            sj_put(&q, m, t->sign * jerk);
-            v += m * (a + m * jerk / 2);
-        }
-    }
-    for (int i = 0; i < q.count; i++) sj_put(p, (double)q.phase[i].cycles, q.phase[i].jerk);
-    *t = sj_resume(t, &q);
-}
-
-/* A start outside its limits comes back as fast as jerk allows. */
-static void come_back(task *t, sj_plan *p)
-{
-    if (fabs(t->a0) <= least(t->au, t->ad)
-        && t->a0 * t->a0 <= 1.99 * least(t->ju, t->jd) * (t->vmax - fabs(t->v0) - 2 * least(t->ju, t->jd))) return;
-    double amax = t->a0 > 0 ? t->au : t->ad, j = t->a0 > 0 ? t->ju : t->jd, d = t->a0 > 0 ? 1 : -1;
-    if (fabs(t->a0) > amax * (1 + SLACK)) {
-        sj_plan q;
-        sj_begin(&q);
-        sj_put(&q, down((fabs(t->a0) - amax) / j), -d * t->sign * j);
-        task u = sj_resume(t, &q);
-        double left = fabs(u.a0) - amax;
-        if (left > SLACK * amax) {
-            /* the last cycle ends at the limit, unless that little of jerk spared costs the velocity limit */
-            double n, rest;
-            int cross;
-            task w = u;
-            w.v0 += d * (amax + left / 2);
-            w.a0 = d * amax;
-            double a = fabs(u.a0), small = crossing_jerk(&u, a), firm = a >= j ? j : a > small ? a : small;
-            double c = carried(&w, &n, &rest, &cross);
-            sj_put(&q, 1, -d * t->sign * (fabs(c) > t->vmax * (1 + SLACK) && c * d > 0 ? firm : left));
-            u = sj_resume(t, &q);
-        }
-        *t = u;
-        for (int i = 0; i < q.count; i++) sj_put(p, (double)q.phase[i].cycles, q.phase[i].jerk);
-    }
-    come_down(t, p);
-    *t = mirrored(t);
-    come_down(t, p);
-    *t = mirrored(t);
-}
-
-/* A seven-phase or four-phase plan of a task in the frame that pushes up; what is known of the optimum besides. */
-typedef struct { task t; family f; int found; seven s; four e; double optimum, at_low, direct, short_of; } attempt;
 
 static void best_of_phases(const task *start, attempt *a)
 {
@@ -439,8 +357,10 @@ static void best_of_phases(const task *start, attempt *a)
     a->at_low = family_distance(t, &a->f, a->f.low);
     double room = 1e-14 * (fabs(t->h) + fabs(a->at_low));
     a->direct = 0;
+    sj_begin(&a->head);
     if (t->h < a->at_low - room) {
-        /* where the velocity turns against the push, easing a little first loses ground: see move() */
+        /* where the velocity turns against the push, easing a little first loses ground: see
+           sj_move() */
         a->direct = a->f.t0 + ramp_time(most(0, a->f.low - a->f.vs), t->au, t->ju)
                   + ramp_time(most(0, a->f.low - t->v1), t->ad, t->jd);
         a->short_of = a->at_low - t->h;
@@ -449,72 +369,55 @@ static void best_of_phases(const task *start, attempt *a)
         a->at_low = family_distance(t, &a->f, a->f.low);
     }
     if (t->h >= a->at_low - room || a->f.vz <= t->v1)
-        a->found = by_cruise(t, &a->f, a->at_low, 0, &a->s, &a->optimum) ? SJ_PLAN_CRUISE : 0;
+        a->found = cruise_after_zero(a, 0);
     else
         a->found = by_easing(t, &a->f, &a->e, &a->optimum) ? SJ_PLAN_EASE : 0;
 }
 
-/* Acceleration to zero first: serves where the velocity limit, a cycle ahead, leaves no other way. */
-static int by_shedding(const task *start, sj_plan *p)
-{
-    task t = *start;
-    sj_plan q = *p;
-    shed(&t, &q);
-    if (!move(&t, &q, 0)) return 0;
-    *p = q;
-    return 1;
-}
-
-/* From a start that can keep the limits. The ways, in order: seven or four phases; a mix where these are more than
-   two cycles (at rest three) longer than the optimum, or missing; a dip of the velocity; and, `again` allowing,
-   the acceleration shed first, or a stop. */
-static int move(const task *start, sj_plan *p, int again)
+/* From a start that can keep the limits. The ways, in order: seven or four phases; a mix where
+   these are more than two cycles (at rest three) longer than the optimum, or missing; a dip of the
+   velocity; and, `again` allowing, the acceleration shed first, or a stop. */
+int sj_move(const task *start, sj_plan *p, int again)
 {
     if (start->h == 0 && start->v0 == 0 && start->a0 == 0 && start->v1 == 0) return 1;
     attempt a;
     best_of_phases(start, &a);
     double n = most(1, up(a.optimum)), longest = INFINITY;
+    summit both[2] = {{0, 0, 0}, {0, 0, 0}};
     if (a.t.a0 < 0 && a.t.v1 < 0 && a.direct > 0 && a.optimum > a.direct + 2
         && a.short_of <= -a.t.a0 / a.t.jd * most(a.t.v0, -a.t.v1)) {
         double m = most(1, up(a.direct));
-        if (sj_mix_from(&a.t, &m, m + 3, p)) return 1;
+        if (sj_mix_from(&a.t, &m, m + 3, both, p)) return 1;
     }
-    if (a.found == SJ_PLAN_CRUISE) longest = seven_cycles(&a.s);
-    if (a.found == SJ_PLAN_EASE) longest = a.e.n1 + a.e.n2 + a.e.n3 + a.e.n4;
-    sj_plan split;
-    int shed_first = 0;
-    if (again && start->ju != start->jd && start->a0 != 0 && longest > n + 2) {
-        /* two jerks: zero on a node lets each side have its own, which is mostly shorter than one for both */
-        split = *p;
-        shed_first = by_shedding(start, &split) && (double)(split.cycles - p->cycles) < longest;
-        if (shed_first) longest = (double)(split.cycles - p->cycles);
+    longest = found_cycles(&a);
+    if (longest > n + (a.t.a0 == 0 ? 3 : 2)) {
+        /* zero on a node, which the head is for, may cost a part of a cycle */
+        if (a.head.cycles > 0 && n > 1) n -= 1;
+        if (sj_mix_from(&a.t, &n, longest, both, p)) return 1;
     }
-    if (longest > n + (a.t.a0 == 0 ? 3 : 2) && sj_mix_from(&a.t, &n, longest, p)) return 1;
-    if (shed_first) { *p = split; return 1; }
     if (!a.found && a.t.v1 != 0) {
         /* no whole length near the shortest works: lose time by a dip of the velocity */
-        task t = mirrored(&a.t);
-        family f = family_of(&t);
-        seven s;
-        double optimum = 0;
-        int found = by_cruise(&t, &f, family_distance(&t, &f, f.low), 1, &s, &optimum);
-        n = most(n, up(optimum));
-        longest = found ? seven_cycles(&s) : INFINITY;
-        if (longest > n + 2 && sj_mix_from(&t, &n, longest, p)) return 1;
-        if (found) { seven_put(p, &t, &s); p->kind = SJ_PLAN_CRUISE; return 1; }
+        attempt d;
+        summit turned[2] = {both[1], both[0]};
+        d.t = mirrored(&a.t);
+        d.f = family_of(&d.t);
+        d.at_low = family_distance(&d.t, &d.f, d.f.low);
+        d.found = cruise_after_zero(&d, 1);
+        n = most(n, up(d.optimum));
+        longest = found_cycles(&d);
+        if (longest > n + 2 && sj_mix_from(&d.t, &n, longest, turned, p)) return 1;
+        if (d.found) { found_put(&d, p); return 1; }
     }
-    if (a.found == SJ_PLAN_CRUISE) seven_put(p, &a.t, &a.s);
-    else if (a.found == SJ_PLAN_EASE) four_put(p, &a.t, &a.e);
-    else if (!again) return 0;
-    else return (start->a0 != 0 && by_shedding(start, p)) || by_stopping(start, INFINITY, p);
-    p->kind = a.found;
-    return 1;
+    if (a.found) { found_put(&a, p); return 1; }
+    if (!again) return 0;
+    return (start->a0 != 0 && sj_by_shedding(start, p)) || sj_by_stopping(start, INFINITY, p);
 }
 
 /* ---- a given length ---- */
 
 /* Time and distance of the fastest ramp to velocity v, in continuous time. */
-static void ramp_to(const task *t, const family *u, const family *d, double v, double *time, double *distance)
+static void ramp_to(const task *t, const family *u, const family *d, double v, double *time,
+    double *distance)
 {
     if (v >= u->vz) {
         double x = ramp_time(most(0, v - u->vs), t->au, t->ju);
@@ -531,7 +434,8 @@ static int by_cruise_of(const task *t, double n, seven *s)
     task o = mirrored(t);
     family u = family_of(t), d = family_of(&o);
     double lo = -t->vmax, hi = t->vmax, v = least(hi, most(lo, t->h / n)), t1 = 0, t2 = 0;
-    double scale = 1e-5 * fabs(t->h) + 1e-12 * t->vmax;     /* only the counts come from v; it is solved for again */
+    /* only the counts come from v; it is solved for again */
+    double scale = 1e-5 * fabs(t->h) + 1e-12 * t->vmax;
     double middle = 0.5 * (u.vz + t->v1);
     for (int i = 0; i < NEWTON_STEPS; i++) {
         double p1;
@@ -555,12 +459,15 @@ static int by_cruise_of(const task *t, double n, seven *s)
     double small = least(t->ju, t->jd);
     if (v >= u.vz) {
         double z = least(t->au, sqrt(most(0, v - u.vs) * t->ju));
-        ramp_counts(t->a0, v - t->v0, z, t->au, t->ju, t->a0 < 0 ? small : t->ju, &s->n1, &s->n2, &s->n3);
+        ramp_counts(t->a0, v - t->v0, z, t->au, t->ju, t->a0 < 0 ? small : t->ju, &s->n1, &s->n2,
+            &s->n3);
     } else {
         double z = least(t->ad, sqrt(most(0, -v - d.vs) * t->jd));
-        ramp_counts(-t->a0, t->v0 - v, z, t->ad, t->jd, t->a0 > 0 ? small : t->jd, &s->n1, &s->n2, &s->n3);
+        ramp_counts(-t->a0, t->v0 - v, z, t->ad, t->jd, t->a0 > 0 ? small : t->jd, &s->n1, &s->n2,
+            &s->n3);
     }
-    double n7, a2 = v >= t->v1 ? t->ad : t->au, j2 = v >= t->v1 ? t->jd : t->ju, x = fabs(v - t->v1);
+    double n7, a2 = v >= t->v1 ? t->ad : t->au, j2 = v >= t->v1 ? t->jd : t->ju,
+        x = fabs(v - t->v1);
     ramp_counts(0, x, least(a2, sqrt(x * j2)), a2, j2, j2, &s->n5, &s->n6, &n7);
     s->n4 = 0;
     double rest = n - seven_cycles(s);
@@ -581,7 +488,9 @@ static int in_cycles(const task *t, double n, sj_plan *p)
     if (by_cruise_of(t, n, &s)) { seven_put(p, t, &s); p->kind = SJ_PLAN_CRUISE; return 1; }
     attempt a;
     best_of_phases(t, &a);
-    { double nearest = -INFINITY; return sj_mix(&a.t, n, &nearest, p); }
+    double nearest = -INFINITY;
+    summit both[2] = {{0, 0, 0}, {0, 0, 0}};
+    return sj_mix(&a.t, n, &nearest, both, p);
 }
 
 /* ---- what callers see ---- */
@@ -591,11 +500,13 @@ static int valid(double h, double v0, double a0, double v1, const sj_limits *l)
     return isfinite(h) && isfinite(v0) && isfinite(a0) && isfinite(v1)
         && isfinite(l->velocity) && isfinite(l->acceleration) && isfinite(l->jerk)
         && isfinite(l->deceleration) && isfinite(l->deceleration_jerk)
-        && l->velocity > 0 && l->acceleration > 0 && l->jerk > 0 && l->deceleration > 0 && l->deceleration_jerk > 0
+        && l->velocity > 0 && l->acceleration > 0 && l->jerk > 0 && l->deceleration > 0
+            && l->deceleration_jerk > 0
         && fabs(v1) <= l->velocity * (1 + SLACK);
 }
 
-/* The task with "up" in the direction of the move: the sign of the first of these that is not zero. */
+/* The task with "up" in the direction of the move: the sign of the first of these that is not
+   zero. */
 static task task_of(double h, double v0, double a0, double v1, const sj_limits *l)
 {
     double way = h != 0 ? h : v1 != 0 ? v1 : v0 != 0 ? v0 : a0;
@@ -616,9 +527,9 @@ int32_t sj_plan_move(double h, double v0, double a0, double v1, const sj_limits 
     sj_begin(p);
     if (!valid(h, v0, a0, v1, l)) return SJ_PLAN_INVALID;
     task t = task_of(h, v0, a0, v1, l);
-    come_back(&t, p);
+    sj_come_back(&t, p);
     int back = p->count > 0 ? SJ_PLAN_RETURN : 0;
-    int ok = move(&t, p, 1);
+    int ok = sj_move(&t, p, 1);
     p->kind += back;
     note_scale(p, l);
     return ok ? SJ_PLAN_OK : SJ_PLAN_TOO_LONG;
@@ -629,9 +540,9 @@ int32_t sj_plan_velocity(double v0, double a0, double v1, const sj_limits *l, sj
     sj_begin(p);
     if (!valid(0, v0, a0, v1, l)) return SJ_PLAN_INVALID;
     task t = task_of(0, v0, a0, v1, l);
-    come_back(&t, p);
+    sj_come_back(&t, p);
     int back = p->count > 0 ? SJ_PLAN_RETURN : 0;
-    if (!go_to_velocity(&t, t.v1, p)) return SJ_PLAN_TOO_LONG;
+    if (!sj_go_to_velocity(&t, t.v1, p)) return SJ_PLAN_TOO_LONG;
     p->kind = SJ_PLAN_RAMP + back;
     note_scale(p, l);
     return SJ_PLAN_OK;
@@ -644,7 +555,7 @@ static int32_t stretch(const task *origin, int64_t cycles, sj_plan *p)
     task t = *origin;
     sj_plan q;
     sj_begin(&q);
-    come_back(&t, &q);
+    sj_come_back(&t, &q);
     int back = q.count > 0 ? SJ_PLAN_RETURN : 0, head = q.count;
     int64_t used = q.cycles;
     if (in_cycles(&t, (double)(cycles - used), &q)) { *p = q; p->kind += back; return SJ_PLAN_OK; }
@@ -656,19 +567,20 @@ static int32_t stretch(const task *origin, int64_t cycles, sj_plan *p)
     p->count = head; p->cycles = used;
     for (int i = 0; i < head; i++) p->phase[i] = q.phase[i];
     q = *p;
-    if (by_stopping(&t, (double)cycles, p)) { p->kind += back; return SJ_PLAN_OK; }
+    if (sj_by_stopping(&t, (double)cycles, p)) { p->kind += back; return SJ_PLAN_OK; }
     /* blocked: the next length that works */
     for (int64_t n = cycles + 1; n <= cycles + LENGTH_STEPS; n++) {
         *p = q;
         if (in_cycles(&t, (double)(n - used), p)) { p->kind += back; return SJ_PLAN_BLOCKED; }
     }
     *p = q;
-    if (!by_stopping(&t, INFINITY, p)) return SJ_PLAN_TOO_LONG;
+    if (!sj_by_stopping(&t, INFINITY, p)) return SJ_PLAN_TOO_LONG;
     p->kind += back;
     return SJ_PLAN_BLOCKED;
 }
 
-int32_t sj_plan_duration(double h, double v0, double a0, double v1, const sj_limits *l, int64_t cycles, sj_plan *p)
+int32_t sj_plan_duration(double h, double v0, double a0, double v1, const sj_limits *l,
+    int64_t cycles, sj_plan *p)
 {
     int32_t status = sj_plan_move(h, v0, a0, v1, l, p);
     if (status != SJ_PLAN_OK || p->cycles == cycles) return status;
@@ -686,13 +598,14 @@ static int64_t after_every_stop(int32_t n, const sj_request *r, const sj_limits 
         task t = task_of(r[i].distance, r[i].v0, r[i].a0, r[i].v1, &l[i]);
         sj_plan q;
         sj_begin(&q);
-        come_back(&t, &q);
-        if (t.v1 != 0 && by_stopping(&t, INFINITY, &q) && q.cycles > cycles) cycles = q.cycles;
+        sj_come_back(&t, &q);
+        if (t.v1 != 0 && sj_by_stopping(&t, INFINITY, &q) && q.cycles > cycles) cycles = q.cycles;
     }
     return cycles;
 }
 
-int32_t sj_plan_together(int32_t n, const sj_request *r, const sj_limits *l, int64_t cycles, sj_plan *p)
+int32_t sj_plan_together(int32_t n, const sj_request *r, const sj_limits *l, int64_t cycles,
+    sj_plan *p)
 {
     for (int32_t i = 0; i < n; i++) {
         int32_t status = sj_plan_move(r[i].distance, r[i].v0, r[i].a0, r[i].v1, &l[i], &p[i]);
@@ -710,7 +623,8 @@ int32_t sj_plan_together(int32_t n, const sj_request *r, const sj_limits *l, int
                 status = stretch(&t, cycles, &p[i]);
                 note_scale(&p[i], &l[i]);
             } else
-                status = sj_plan_duration(r[i].distance, r[i].v0, r[i].a0, r[i].v1, &l[i], cycles, &p[i]);
+                status = sj_plan_duration(r[i].distance, r[i].v0, r[i].a0, r[i].v1, &l[i], cycles,
+                    &p[i]);
             if (status != SJ_PLAN_OK && status != SJ_PLAN_BLOCKED) return status;
             if (status == SJ_PLAN_BLOCKED) { cycles = p[i].cycles; blocked = 1; }
         }

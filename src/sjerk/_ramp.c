@@ -1,10 +1,12 @@
 /* Whole-cycle ramps, and plans under construction.
 
    A ramp from (v0, a0) to (v, 0) in m cycles is the node sequence
-       a_k = median(low_k, L, high_k),  low_k = max(a0 - J k, -J (m - k)),  high_k = min(a0 + J k, J (m - k)),
-   which changes by at most J a cycle for any real level L: minima and maxima of such sequences are such
-   sequences. The change of velocity grows with L, so m is the smallest length whose range holds it. Where
-   three phases (rise, hold, fall; the paper's T1-T3 with its one level, Eqs. 9-13) fit the same m, they are used.
+       a_k = median(low_k, L, high_k),
+       low_k = max(a0 - J k, -J (m - k)),  high_k = min(a0 + J k, J (m - k)),
+   which changes by at most J a cycle for any real level L: minima and maxima of such sequences are
+   such sequences. The change of velocity grows with L, so m is the smallest length whose range
+   holds it. Where three phases (rise, hold, fall; the paper's T1-T3 with its one level, Eqs.
+   9-13) fit the same m, they are used.
 
    Never here: a distance to be met, a choice between ways (_profile.c). */
 #include "_plan.h"
@@ -22,7 +24,8 @@ void sj_put(sj_plan *p, double n, double jerk)
         p->phase[p->count - 1].cycles += (int64_t)n;
         return;
     }
-    if (p->count == SJ_PHASES) return;      /* cannot be: the ways add up to fewer; kept for memory's sake */
+    /* cannot be: the ways add up to fewer; kept for memory's sake */
+    if (p->count == SJ_PHASES) return;
     p->phase[p->count].cycles = (int64_t)n;
     p->phase[p->count].jerk = jerk;
     p->count++;
@@ -54,7 +57,8 @@ task sj_resume(const task *start, const sj_plan *p)
     return t;
 }
 
-/* A cruise multiplies what rounding left of the acceleration: a long one begins by taking it out. */
+/* A cruise multiplies what rounding left of the acceleration: a long one begins by taking it
+   out. */
 void sj_put_cruise(sj_plan *p, const task *t, double n)
 {
     if (n >= 1024) {
@@ -65,7 +69,6 @@ void sj_put_cruise(sj_plan *p, const task *t, double n)
 }
 
 /* ---- node paths: acceleration at whole cycles, straight between ---- */
-
 
 double sj_path_change(const path *x)
 {
@@ -99,23 +102,27 @@ void sj_node(path *x, double k, double a)
 
 /* ---- ramps ---- */
 
-
-/* Velocity change of the ramp of m cycles with level `l`: from a0 at full jerk to l, held, at full jerk to zero. */
+/* Velocity change of the ramp of m cycles with level `l`: from a0 at full jerk to l, held, at full
+   jerk to zero. */
 static double level_change(double a0, double m, double l, double j, double *n1, double *n3)
 {
     double d = l >= a0 ? j : -j, e = l >= 0 ? j : -j;
     *n1 = whole(fabs(l - a0) / j);
     *n3 = whole(fabs(l) / j);
-    return a0 / 2 + a0 * *n1 + d * *n1 * (*n1 + 1) / 2 + l * (m - 1 - *n1 - *n3) + e * *n3 * (*n3 + 1) / 2;
+    return a0 / 2 + a0 * *n1 + d * *n1 * (*n1 + 1) / 2 + l * (m - 1 - *n1 - *n3)
+        + e * *n3 * (*n3 + 1) / 2;
 }
 
-/* Fastest whole-cycle ramp (v0, a0) -> (v1, 0) under one jerk limit. |a0| must be within the limits. */
+/* Fastest whole-cycle ramp (v0, a0) -> (v1, 0) under one jerk limit. |a0| must be within the
+   limits. */
 int sj_ramp(double v0, double a0, double dv, double vmax, double au, double ad, double j, path *x)
 {
     x->count = 0;
-    double z = a0 * fabs(a0) / (2 * j);         /* change of velocity on the way to zero acceleration */
+    /* change of velocity on the way to zero acceleration */
+    double z = a0 * fabs(a0) / (2 * j);
     double t;
-    if (dv >= z) t = a0 >= 0 ? ramp_time(dv + z, au, j) - a0 / j : ramp_time(dv - z, au, j) - a0 / j;
+    if (dv >= z)
+        t = a0 >= 0 ? ramp_time(dv + z, au, j) - a0 / j : ramp_time(dv - z, au, j) - a0 / j;
     else t = a0 <= 0 ? ramp_time(z * -1 - dv, ad, j) + a0 / j : ramp_time(z - dv, ad, j) + a0 / j;
     double m = most(up(t), up(fabs(a0) / j));
     if (!(m < LONGEST)) return 0;
@@ -125,10 +132,17 @@ int sj_ramp(double v0, double a0, double dv, double vmax, double au, double ad, 
     }
     for (int i = 0; i < LENGTH_STEPS; i++, m += 1) {
         double hi = least(au, (a0 + j * m) / 2), lo = most(-ad, (a0 - j * m) / 2), n1, n3;
-        double room = SLACK * fabs(dv) + 1e-13 * (fabs(z) + fabs(a0));
-        double top = level_change(a0, m, hi, j, &n1, &n3), bottom = level_change(a0, m, lo, j, &n1, &n3);
-        if (dv > top + room || dv < bottom - room) continue;
-        double l = bottom < top ? lo + (hi - lo) * most(0, least(1, (dv - bottom) / (top - bottom))) : lo;
+        double room = 1e-13 * (fabs(dv) + fabs(z) + fabs(a0));
+        double top = level_change(a0, m, hi, j, &n1, &n3);
+        double bottom = level_change(a0, m, lo, j, &n1, &n3);
+        if (dv > top + room || dv < bottom - room) {
+            /* among very many cycles `up` forgives more than one: add those that are missing */
+            double lacks = dv > top ? (dv - top) / hi : (bottom - dv) / -lo;
+            if (lacks > 1 && lacks < LONGEST) m += whole(lacks) - 1;
+            continue;
+        }
+        double share = bottom < top ? most(0, least(1, (dv - bottom) / (top - bottom))) : 0;
+        double l = lo + (hi - lo) * share;
         for (int s = 0; s < NEWTON_STEPS; s++) {
             double f = level_change(a0, m, l, j, &n1, &n3) - dv;
             if (f > 0) hi = l; else lo = l;
@@ -147,7 +161,10 @@ int sj_ramp(double v0, double a0, double dv, double vmax, double au, double ad, 
             if (level <= au * (1 + SLACK) && level >= -ad * (1 + SLACK)
                 && fabs(level - a0) <= r1 * j * (1 + SLACK) && fabs(level) <= r3 * j * (1 + SLACK)
                 && (level * a0 >= 0 || fabs(v0 + a0 * a0 * r1 / (2 * (a0 - level))) <= vmax)) {
-                sj_node(x, 0, a0); sj_node(x, r1, level); sj_node(x, r1 + r2, level); sj_node(x, m, 0);
+                sj_node(x, 0, a0);
+                sj_node(x, r1, level);
+                sj_node(x, r1 + r2, level);
+                sj_node(x, m, 0);
                 return 1;
             }
         }
@@ -158,9 +175,9 @@ int sj_ramp(double v0, double a0, double dv, double vmax, double au, double ad, 
         if (m - n3 - 1 > n1 + 1) sj_node(x, m - n3 - 1, l);
         if (m - n3 < m) sj_node(x, m - n3, e * n3);
         sj_node(x, m, 0);
-        /* what rounding left over goes into the level, or into the last free node */
+        /* over very many cycles rounding adds up; more than that would be a fault */
         double rest = dv - sj_path_change(x);
-        if (fabs(rest) > room) return 0;
+        if (fabs(rest) > room + SLACK * fabs(dv)) return 0;
         return 1;
     }
     return 0;

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from sjerk.errors import InputError
 from sjerk.feedback import AxisFeedback, Distribution, Timing
 from sjerk.host import Host
 from sjerk.kernel import Axis, MotionKernel
@@ -122,6 +123,7 @@ def streamed(host: Host, recording: Recording) -> Iterator[float]:
 
 def run(path: Path, out: Path, cycle_time: float, joint: str | None) -> int:
     """Do the experiment; prints the table, writes the picture. Returns the exit code."""
+    _check_picture(out)
     recording = read_recording(path, joint=joint)
     start, end = float(recording.position[0]), float(recording.position[-1])
     axis = Axis(LIMITS, counts_per_unit=COUNTS_PER_DEGREE)
@@ -147,6 +149,16 @@ def run(path: Path, out: Path, cycle_time: float, joint: str | None) -> int:
             return 130
     print(table((single, stream), timing, end, cycle_time))
     return draw(out, recording, (single, stream), cycle_time)
+
+
+def _check_picture(out: Path) -> None:
+    """Refuse before anything moves what could not be written afterwards."""
+    if out.suffix.lower() not in (".png", ".svg", ".pdf", ".jpg"):
+        raise InputError("--out", str(out), "must end in .png, .svg, .pdf or .jpg")
+    if not out.parent.is_dir():
+        raise InputError("--out", str(out), f"must lie in a folder that exists, not {out.parent}")
+    if out.is_dir():
+        raise InputError("--out", str(out), "must be a file, not a folder")
 
 
 def table(records: tuple[Record, ...], timing: Timing, goal: float, cycle_time: float) -> str:

@@ -50,11 +50,18 @@ class RefusedError(SjerkError):
 
 
 class MotionStoppedError(SjerkError):
-    """A move ended elsewhere: stopped or replaced. ``positions`` by axis."""
+    """A move ended elsewhere: stopped or replaced, or a drive went into a fault.
 
-    def __init__(self, positions: dict[int, float]) -> None:
-        super().__init__(f"stopped or replaced before the goal, commanded positions {positions}")
+    ``positions`` are the commanded ones by axis, ``faults`` the error codes (603Fh) of the drives
+    that are in a fault, by axis.
+    """
+
+    def __init__(self, positions: dict[int, float], faults: dict[int, int] | None = None) -> None:
         self.positions = positions
+        self.faults = faults or {}
+        codes = ", ".join(f"axis {i}: {code:04X}h" for i, code in self.faults.items())
+        why = f"drive fault ({codes})" if codes else "stopped or replaced"
+        super().__init__(f"{why} before the goal, commanded positions {positions}")
 
 
 class SupersededError(MotionStoppedError):
@@ -185,7 +192,10 @@ def real(field: str, value: object) -> float:
     """
     if value.__class__ is not float and (isinstance(value, bool) or not isinstance(value, Real)):
         raise InputError(field, value, "must be a real number")
-    number = float(value)
+    try:
+        number = float(value)
+    except OverflowError:
+        number = math.inf
     if not math.isfinite(number):
         raise InputError(field, value, "must be finite")
     if abs(number) > LARGEST:
@@ -197,7 +207,5 @@ def positive(field: str, value: object) -> float:
     """Return ``value`` as a float greater than zero."""
     number = real(field, value)
     if number <= 0.0:
-        raise InputError(field, value, "must be greater than 0")
-    if number < 1.0 / LARGEST:
-        raise InputError(field, value, f"must be at least {1.0 / LARGEST:g}")
+        raise InputError(field, value, f"must be greater than 0, at least {1.0 / LARGEST:g}")
     return number

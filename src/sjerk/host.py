@@ -41,6 +41,7 @@ REASONS = {
     lib.SJ_RESULT_NOT_FOLLOWING: "the drive does not follow (not enabled, or stopped by itself)",
     lib.SJ_RESULT_PLAN: "a number or a limit cannot be planned with",
     lib.SJ_RESULT_RANGE: "the goal is beyond what the drive can count",
+    lib.SJ_RESULT_LIMITS: "its limits are not numbers within those of the axis",
     lib.SJ_RESULT_STOPPED: "a stop came with it, or the kernel is ending",
     lib.SJ_RESULT_STATE: "the axis is stopping, homing, or has an error",
     lib.SJ_RESULT_LIMIT: "it would leave the position limits of the axis",
@@ -199,32 +200,26 @@ class Move:
         if state is MoveState.SUPERSEDED:
             raise SupersededError(self.position)
         if state is MoveState.STOPPED:
-            raise MotionStoppedError(self.position)
+            axes = {i: frame.axis[i] for i in self._targets}
+            raise MotionStoppedError(
+                self.position, {i: int(axis.error_code) for i, axis in axes.items() if axis.fault}
+            )
 
 
-class Monitor:
-    """Whoever reads a running kernel: no lock, no command, as many as there are."""
+class _Reader:
+    """What a monitor and a host have in common: they read."""
 
     def __init__(self, segment: Segment, *, cyclic: bool = True) -> None:
         """Not for callers: ``Monitor.attach``, or ``MotionKernel.host`` for a host."""
         self._segment = segment
         self._axes = axes_of(segment)
         self._cyclic = cyclic
+        self._closed = False
         self._buffer = ffi.new("sj_feedback *")
         self._sequence = ffi.new("uint64_t *")
         self._event = ffi.new("sj_kernel_event *")
         self._missed = ffi.new("uint64_t *")
         self._shown = ffi.new("uint64_t *", lib.sj_event_latest(segment.base))
-
-    @classmethod
-    def attach(cls, name: str, *, wait: float = 0.0) -> Self:
-        """Read the running kernel ``name``. Raises HandshakeError: no such kernel, another version.
-
-        ``wait`` is for hosts.
-        """
-        monitor = cls(Segment.attach(name, role="monitor"))
-        monitor._wait_until(lambda frame: True, 5.0, "the first cycle")
-        return monitor
 
     def __enter__(self) -> Self:
         return self
@@ -234,6 +229,7 @@ class Monitor:
 
     def close(self) -> None:
         """Let go of the kernel; it does not notice."""
+        self._closed = True
         if self._cyclic and not self._segment.closed:
             self._segment.close()
 
@@ -243,12 +239,19 @@ class Monitor:
         return self._segment.name
 
     @property
+    def closed(self) -> bool:
+        """Whether this host or monitor has left its kernel."""
+        return self._closed
+
+    @property
     def kernel_lives(self) -> bool:
         """Whether the process of the kernel is there."""
         return not self._cyclic or self._segment.kernel_lives()
 
     def _read(self) -> Any | None:
         """The newest frame in the own buffer, or None before the first cycle."""
+        if self._closed:
+            raise SjerkError("this host has left its kernel")
         while True:
             status = lib.sj_feedback_read(self._segment.base, self._buffer, self._sequence)
             if status != lib.SJ_SHM_LAPPED:
@@ -262,7 +265,11 @@ class Monitor:
         return frame
 
     def feedback(self) -> Feedback:
-        """Return the newest feedback: every axis in the same cycle."""
+        """Return the newest feedback: every axis in the same cycle.
+
+        Raises KernelGoneError where the kernel has ended: its last frame is no feedback.
+        """
+        self._check_kernel("reading feedback")
         size = lib.sj_feedback_bytes(self._axes)
         copy = ffi.new("sj_feedback *")
         ffi.memmove(copy, self._frame(), size)
@@ -280,6 +287,10 @@ class Monitor:
         base = self._segment.base
         return bool(lib.sj_event_read(base, cursor, self._event, self._missed) == 1)
 
+    def _check_kernel(self, doing: str) -> None:
+        if self._cyclic and not self._closed and not self._segment.kernel_lives():
+            raise KernelGoneError(f"the kernel has ended: {doing} makes no sense")
+
     def _alive(self, what: str) -> None:
         if self._cyclic and not self._segment.kernel_lives():
             raise KernelGoneError(f"the kernel ended while waiting for {what}")
@@ -287,7 +298,7 @@ class Monitor:
     def _wait_until(self, met: Callable[[Any], bool], timeout: float | None, what: str) -> None:
         if not self._cyclic:
             raise SjerkError(f"cannot wait for {what}: no process runs this kernel, call step()")
-        end = None if timeout is None else time.monotonic() + timeout
+        end = None if timeout is None else time.monotonic() + real("timeout", timeout)
         look = 0
         while True:
             frame = self._read()
@@ -301,7 +312,21 @@ class Monitor:
             time.sleep(200e-6)
 
 
-class Host(Monitor):
+class Monitor(_Reader):
+    """Whoever reads a running kernel: no lock, no command, as many as there are."""
+
+    @classmethod
+    def attach(cls, name: str) -> Self:
+        """Read the running kernel ``name``.
+
+        Raises HandshakeError: no such kernel, another version.
+        """
+        monitor = cls(Segment.attach(name, role="monitor"))
+        monitor._wait_until(lambda frame: True, 5.0, "the first cycle")
+        return monitor
+
+
+class Host(_Reader):
     """The one host of a kernel: context manager, made by ``MotionKernel.host``.
 
     Leaving it is in order and stops nothing; a host that dies stops the motion.
@@ -333,23 +358,43 @@ class Host(Monitor):
         self._wraps = [float(frame.axis[i].wrap) for i in range(self._axes)]
 
     @classmethod
-    def attach(cls, name: str, *, wait: float = 0.0) -> Self:
+    def attach(
+        cls,
+        name: str,
+        limits: Sequence[Limits] | None = None,
+        cycle_time: float | None = None,
+        *,
+        wait: float = 0.0,
+    ) -> Self:
         """Become the host of the running kernel ``name`` from another process.
 
-        ``wait``: seconds to wait for a host that is about to leave. Raises HandshakeError: no such
-        kernel, a kernel of another version, or a living host.
+        ``limits`` (one per axis) and ``cycle_time`` (s): what the caller takes for granted; the
+        kernel tells both itself. ``wait``: seconds to wait for a host that is about to leave.
+        Raises HandshakeError: no such kernel, another number of axes, another version, or a living
+        host; InputError: another cycle time.
         """
+        expected = None
+        if limits is not None:
+            if isinstance(limits, Limits) or not all(isinstance(one, Limits) for one in limits):
+                raise InputError("limits", limits, "must be a list of one Limits per axis")
+            expected = layout(len(limits))
         end = time.monotonic() + wait
         while True:
             try:
-                return cls(Segment.attach(name, role="host"), cyclic=True)
+                host = cls(Segment.attach(name, expected, role="host"), cyclic=True)
+                break
             except HostTakenError:
                 if time.monotonic() > end:
                     raise
                 time.sleep(1e-3)
+        if cycle_time is not None and abs(host._T - cycle_time) > 1e-9 * host._T:
+            host.close()
+            raise InputError("cycle_time", cycle_time, f"the kernel's is {host._T!r}")
+        return host
 
     def close(self) -> None:
         """Leave the kernel to itself; a motion goes on to its end."""
+        self._closed = True
         if self._cyclic and not self._segment.closed:
             lib.sj_shm_leave_host(self._segment.base)
             self._segment.close()
@@ -368,6 +413,9 @@ class Host(Monitor):
     # ---- commanding
 
     def _publish(self) -> None:
+        if self._closed:
+            raise SjerkError("this host has left its kernel")
+        self._check_kernel("commanding")
         self._command.sequence += 1
         self._segment.check(lib.sj_command_publish(self._segment.base, self._command))
 
@@ -522,20 +570,21 @@ class Host(Monitor):
         A target is a position, or a ``State`` with a velocity to arrive with; ``relative``: a
         distance from the commanded position. The kernel plans in its next cycle from the commanded
         state, also during a motion, which the new goal replaces; the same goal under the same
-        limits changes nothing. ``limits``: others than the axes' own. ``direction``: of axes
-        that wrap, which way to a position within the turn. Returns at once; the handle tells the
-        rest. Raises InputError for what is no target; a refusal by the kernel is raised by
-        ``Move.wait``.
+        limits changes nothing. ``limits``: lower ones than the axes' own
+        for this move; position limits stay in force.
+        ``direction``: of axes that wrap, which way to a position within the turn. Returns at once;
+        the handle tells the rest. Raises InputError for what is no target; a refusal by the kernel
+        is raised by ``Move.wait``.
         """
         targets = self._targets(target)
         code, least = code_of(synchronization), cycles_of(min_duration, self._T)
-        own = {i: limits or self._limits[i] for i in targets}
+        own = self._lower(limits, targets)
         if direction != "direct":
             targets = self._turned(targets, direction)
         for i, goal in targets.items():
-            check_target(
-                f"target[{i}]", goal, replace(own[i], position=None) if relative else own[i]
-            )
+            for within in (self._limits[i], own[i]):
+                free = replace(within, position=None) if relative else within
+                check_target(f"target[{i}]", goal, free)
         kind = lib.SJ_GOAL_RELATIVE if relative else lib.SJ_GOAL_ABSOLUTE
         return self._goal(kind, targets, own, code, least)
 
@@ -556,7 +605,7 @@ class Host(Monitor):
         if not isinstance(velocity, dict) and self._axes != 1:
             raise InputError("velocity", velocity, f"must be by axis number: {self._axes} axes")
         self._chosen(wanted)
-        own = {i: limits or self._limits[i] for i in wanted}
+        own = self._lower(limits, wanted)
         targets = {i: State(0.0, real(f"velocity[{i}]", v)) for i, v in wanted.items()}
         for i, goal in targets.items():
             check_target(f"velocity[{i}]", goal, replace(own[i], position=None))
@@ -571,6 +620,19 @@ class Host(Monitor):
         targets = {i: State(0.0) for i in chosen}
         own = {i: self._limits[i] for i in chosen}
         return self._goal(lib.SJ_GOAL_HOME, targets, own, lib.SJ_SYNC_NONE, 0)
+
+    def _lower(self, limits: Limits | None, axes: Iterable[int]) -> dict[int, Limits]:
+        """The limits of a goal by axis: the axes' own, or lower ones."""
+        if limits is None:
+            return {i: self._limits[i] for i in axes}
+        if not isinstance(limits, Limits):
+            raise InputError("limits", limits, "must be a Limits")
+        for i in axes:
+            for name in ("velocity", "acceleration", "jerk", "deceleration", "deceleration_jerk"):
+                value, most = getattr(limits, name), getattr(self._limits[i], name)
+                if value > most * (1 + 1e-12):
+                    raise InputError(f"limits.{name}", value, f"axis {i} has {most!r}")
+        return dict.fromkeys(axes, limits)
 
     def _goal(
         self, kind: int, targets: dict[int, State], own: dict[int, Limits], code: int, least: int

@@ -195,12 +195,16 @@ class MotionKernel:
 
         Raises InputError for axes that cannot run: each names the axis.
         """
+        if not isinstance(axes, Sequence) or not all(isinstance(axis, Axis) for axis in axes):
+            raise InputError("axes", axes, "must be a list of Axis")
         self._axes = tuple(axes)
         if not 1 <= len(self._axes) <= lib.SJ_AXES:
             raise InputError("axes", len(self._axes), f"must be 1 .. {lib.SJ_AXES} axes")
-        self._T = positive("cycle_time", cycle_time)
+        self._T = round(positive("cycle_time", cycle_time) * 1e9) / 1e9  # whole nanoseconds
         if not 25e-6 <= self._T <= 0.1:
             raise InputError("cycle_time", cycle_time, "must lie in 25e-6 .. 0.1 s")
+        if name is not None and (not isinstance(name, str) or not name):
+            raise InputError("name", name, "must be a text that is not empty")
         self._name = name or f"kernel-{os.getpid()}-{next(_numbers)}"
         self.clock = clock or Clock()
         self._reactions = reactions or Reactions()
@@ -211,6 +215,7 @@ class MotionKernel:
         )  # checks everything now
         self._host: Host | None = None
         self._image: Image | None = None
+        self._ended = False
 
     @property
     def name(self) -> str:
@@ -236,11 +241,11 @@ class MotionKernel:
 
     def __enter__(self) -> MotionKernel:
         """Start the process; returns when its cycle runs."""
-        if self._segment is not None:
-            raise SjerkError(f"kernel {self._name!r} is already in use")
+        if self._segment is not None or self._ended:
+            raise SjerkError(f"kernel {self._name!r} is in use or has ended: make a new one")
         if any(axis.drive == "external" for axis in self._axes):
             raise SjerkError("external drives are for step(): nobody would exchange their image")
-        self._segment = Segment.create(self._name, layout(len(self._axes)))
+        self._segment = Segment.create(self._name, layout(len(self._axes)), replace_stale=True)
         try:
             self._process = subprocess.Popen(
                 [sys.executable, "-c", "from sjerk.kernel import serve; serve()"],
@@ -262,6 +267,7 @@ class MotionKernel:
 
     def __exit__(self, *_: object) -> None:
         """Stop the motion along its ramp, disable the drives, end the process."""
+        self._ended = True
         if self._host is not None:
             self._host.close()
         if self._process is not None:
@@ -277,13 +283,20 @@ class MotionKernel:
             self._segment = None
 
     def host(self) -> Host:
-        """Become the kernel's host; one at a time."""
+        """Become the kernel's host; one at a time.
+
+        The next one goes on where the last one left. Raises HostTakenError, or SjerkError in an own
+        loop, while another host has not been closed.
+        """
+        if self._ended:
+            raise SjerkError(f"kernel {self._name!r} has ended: make a new one")
         if self._process is not None:
             self._host = Host.attach(self._name)
             return self._host
-        if self._segment is None:
-            self._segment = Segment.private(layout(len(self._axes)))
-            self._kernel.segment = self._segment.base
+        if self._host is not None and not self._host.closed:
+            raise SjerkError(f"kernel {self._name!r} already has a host: close that one first")
+        self._private_segment()
+        assert self._segment is not None
         self._host = Host(self._segment, cyclic=False)
         self._host._go_on(self._described())
         return self._host
@@ -293,6 +306,9 @@ class MotionKernel:
         frame = ffi.new("sj_feedback *", self._kernel.feedback)
         for i in range(len(self._axes)):
             frame.axis[i].limits = self._kernel.axis[i].config.limits
+        for i in range(len(self._axes)):
+            for name in ("enable", "halts", "quick_stops", "resets", "limit_sets"):
+                setattr(frame.axis[i], name, getattr(self._kernel.axis[i], name))
         frame.override, frame.hold = self._kernel.override, self._kernel.hold
         return frame
 
@@ -312,9 +328,17 @@ class MotionKernel:
         """One cycle in the caller's own loop, or many: collect, interpolate, drive, publish."""
         if self._process is not None:
             raise SjerkError("the kernel runs in its process: step() is for a kernel without one")
-        if self._segment is None:
-            self.host()
+        if self._ended:
+            raise SjerkError(f"kernel {self._name!r} has ended: make a new one")
+        if isinstance(cycles, bool) or not isinstance(cycles, int) or not 0 < cycles < 2**62:
+            raise InputError("cycles", cycles, "must be an int of at least 1")
+        self._private_segment()
         lib.sj_kernel_cycles(self._kernel, cycles)
+
+    def _private_segment(self) -> None:
+        if self._segment is None:
+            self._segment = Segment.private(layout(len(self._axes)))
+            self._kernel.segment = self._segment.base
 
 
 def _build(axes: Sequence[Axis], cycle_time: float, reactions: Reactions, base: Any) -> Any:

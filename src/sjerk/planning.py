@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sjerk._binding import ffi, lib
-from sjerk.errors import InputError, PlanError, positive, real
+from sjerk.errors import LARGEST, InputError, PlanError, positive, real
 from sjerk.profile import CYCLES_MAX, FloatArray, Limits, Profile, Samples, State
 
 Synchronization = Literal["time", "phase", "none"]
@@ -95,6 +95,29 @@ class Motion:
             )
         return self._profiles
 
+    def _key(self) -> tuple[Any, ...]:
+        memory = bytes(ffi.buffer(self._plans, self._axes * ffi.sizeof("sj_plan")))
+        return memory, self._time, self._axes, self._begin, self._end, self._ranges, self._code
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Motion) and (self._time, self._code, self.profiles) == (
+            other._time,
+            other._code,
+            other.profiles,
+        )
+
+    def __hash__(self) -> int:
+        return hash((self._time, self._code, self.profiles))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _motion_from, self._key()
+
+    def __repr__(self) -> str:
+        return (
+            f"<Motion of {self._axes} axes, {self.cycles} cycles of {self._time!r} s, "
+            f"synchronization {self.synchronization!r}>"
+        )
+
     def __len__(self) -> int:
         return self._axes
 
@@ -146,7 +169,13 @@ class Motion:
         return Samples(time, *(column.T for column in columns))
 
 
-@dataclass(frozen=True)
+def _motion_from(memory: bytes, cycle_time: float, axes: int, *rest: Any) -> Motion:
+    plans = ffi.new("sj_plan[]", axes)
+    ffi.memmove(plans, memory, len(memory))
+    return Motion(plans, cycle_time, axes, *rest)
+
+
+@dataclass(frozen=True, eq=False)
 class Plans:
     """Many independent plans as arrays; row i is request i."""
 
@@ -212,9 +241,10 @@ def plan(
     ``"phase"`` on a straight line (rest to rest; else time), ``"none"`` each for itself.
     ``min_duration`` in seconds stretches.
 
-    The direction of the move, for ``deceleration`` limits, is the way from start to target. Any
-    request of usable numbers succeeds. Raises InputError for unusable ones: not finite, target
-    outside ``limits.position`` or faster than ``limits.velocity``, more than 2^50 cycles.
+    The direction of the move, for ``deceleration`` limits, is that of the way the plan covers: from
+    start to target, less the half cycle of both velocities (T/2 times their sum). Any request of
+    usable numbers succeeds. Raises InputError for unusable ones: not finite, target outside
+    ``limits.position`` or faster than ``limits.velocity``, more than 2^50 cycles.
 
     >>> limits = Limits(velocity=90.0, acceleration=500.0, jerk=5000.0)
     >>> profile = plan(State(10.0, velocity=40.0), 160.0, limits, 1e-3)
@@ -225,19 +255,22 @@ def plan(
         start.__class__ is State
         and target.__class__ is State
         and limits.__class__ is Limits
+        and synchronization == "time"
+        and min_duration.__class__ is float
         and not min_duration
     ):
         return _one(start, target, limits, cycle_time)
-    if not min_duration and start.__class__ is list and target.__class__ is list:
-        motion = _many_axes(start, target, limits, cycle_time, _CODES.get(synchronization))
+    fast = min_duration.__class__ is float and not min_duration
+    if fast and start.__class__ is list and target.__class__ is list:
+        motion = _many_axes(start, target, limits, cycle_time, synchronization)
         if motion is not None:
             return motion
-    code, least = code_of(synchronization), 0
-    if min_duration:
-        least = cycles_of(min_duration, cycle_time)
+    code, least = code_of(synchronization), cycles_of(min_duration, cycle_time)
     one = not _is_sequence(start) and not _is_sequence(target)
     starts = _states("start", [start] if one else start)
     targets = _states("target", [target] if one else target)
+    if not isinstance(limits, Limits) and not _is_sequence(limits):
+        raise InputError("limits", limits, "must be a Limits or a list of one per axis")
     several = [limits] * len(starts) if isinstance(limits, Limits) else list(limits)
     return _axes(starts, targets, several, cycle_time, least, code, single=one)
 
@@ -254,7 +287,7 @@ def _one(start: State, target: State, limits: Limits, T: float) -> Profile:
 
 
 def _many_axes(
-    starts: list[Any], targets: list[Any], limits: Any, T: float, code: int | None
+    starts: list[Any], targets: list[Any], limits: Any, T: float, synchronization: str
 ) -> Motion | None:
     """The fast path of several axes: lists of states and of limits used before. None: not that."""
     n = len(starts)
@@ -262,9 +295,10 @@ def _many_axes(
         begin = b"".join([state._c for state in starts])
         end = b"".join([state._c for state in targets])
         rows = b"".join([limit._c[T] for limit in limits])
+        code = _CODES[synchronization]
     except (AttributeError, KeyError, TypeError):
         return None
-    if code is None or not 24 * n == len(begin) == len(end) or 40 * n != len(rows) or n > _MOST:
+    if not 24 * n == len(begin) == len(end) or 40 * n != len(rows) or n > _MOST:
         return None
     plans = _new(_PLAN_ARRAY, n)
     mode = _MODES[code] if code != _PHASE else _new(_INT, code)
@@ -315,6 +349,9 @@ def plan_velocity(
     (280, 0.0)
     """
     (state,) = _states("start", [start])
+    if not isinstance(limits, Limits):
+        raise InputError("limits", limits, "must be a Limits")
+    cycle_time = positive("cycle_time", cycle_time)
     velocity = real("velocity", velocity)
     if abs(velocity) > limits.velocity:
         raise InputError("velocity", velocity, f"must lie within +-{limits.velocity!r}")
@@ -361,6 +398,8 @@ def plan_many(
         c_limits = ffi.cast("sj_limits *", ffi.from_buffer(table))
         given = len(table)
     else:
+        if not _is_sequence(limits) or not all(isinstance(k, Limits) for k in limits):
+            raise InputError("limits", limits, "must be a Limits, a list of them, or an array")
         for i, limit in enumerate(limits):
             _check_range(end, limit, slice(i, i + 1))
         c_limits = ffi.from_buffer("sj_limits[]", b"".join([k._per_cycle(T) for k in limits]))
@@ -418,27 +457,46 @@ def _check_range(end: FloatArray, limits: Limits, rows: slice) -> None:
 
 
 def _limit_rows(limits: NDArray[Any]) -> FloatArray:
-    rows = np.ascontiguousarray(limits, dtype=np.float64)
+    rows = _numbers("limits", limits)
     if rows.ndim != 2 or rows.shape[1] not in (3, 5):
         raise InputError("limits", rows.shape, "must have shape (n, 3) or (n, 5)")
-    bad = ~(np.isfinite(rows) & (rows > 0.0)).all(axis=1)
+    bad = ~((rows >= 1.0 / LARGEST) & (rows <= LARGEST)).all(axis=1)
     if bad.any():
         row = int(np.argmax(bad))
-        raise InputError(f"limits[{row}]", rows[row].tolist(), "must be finite, greater than 0")
+        raise InputError(
+            f"limits[{row}]",
+            rows[row].tolist(),
+            f"must be greater than 0, within {1.0 / LARGEST:g} .. {LARGEST:g}",
+        )
     return rows if rows.shape[1] == 5 else np.hstack([rows, rows[:, 1:3]])
 
 
 def _rows(name: str, value: ArrayLike, most: int) -> FloatArray:
-    rows = np.ascontiguousarray(value, dtype=np.float64)
+    rows = _numbers(name, value)
     if rows.ndim == 1:
         rows = rows.reshape(-1, 1)
     if rows.ndim != 2 or not 1 <= rows.shape[1] <= most:
         raise InputError(name, rows.shape, f"must have shape (n,) or (n, 1..{most})")
-    bad = ~np.isfinite(rows).all(axis=1)
+    size = np.abs(rows)
+    bad = ~(size <= LARGEST).all(axis=1)  # not a number is not smaller either
     if bad.any():
         row = int(np.argmax(bad))
-        raise InputError(f"{name}[{row}]", rows[row].tolist(), "must be finite")
-    return rows
+        raise InputError(
+            f"{name}[{row}]", rows[row].tolist(), f"must be finite, within {LARGEST:g} in magnitude"
+        )
+    tiny = size < 1.0 / LARGEST
+    return np.where(tiny, 0.0, rows) if np.count_nonzero(rows[tiny]) else rows
+
+
+def _numbers(name: str, value: Any) -> FloatArray:
+    """An array of real numbers, C-contiguous."""
+    try:
+        rows = np.asarray(value)
+    except ValueError:
+        rows = np.asarray(None)
+    if rows.dtype.kind not in "fiu":
+        raise InputError(name, value, "must be an array of real numbers")
+    return np.ascontiguousarray(rows, dtype=np.float64)
 
 
 def _states(name: str, values: Any) -> list[State]:
@@ -457,7 +515,9 @@ def _unpacked(rows: bytes) -> list[State]:
 def _is_sequence(value: Any) -> bool:
     if value.__class__ is list or value.__class__ is tuple:
         return True
-    return isinstance(value, Sequence) and not isinstance(value, str)
+    if isinstance(value, np.ndarray):
+        return value.ndim == 1
+    return isinstance(value, Sequence) and not isinstance(value, str | bytes | bytearray)
 
 
 def _state(name: str, value: Any) -> State:
@@ -473,7 +533,7 @@ def _check_targets(targets: Sequence[State], limits: Sequence[Any]) -> None:
 
 def code_of(synchronization: str) -> int:
     """The ``enum sj_synchronization`` of a name."""
-    if synchronization not in _CODES:
+    if not isinstance(synchronization, str) or synchronization not in _CODES:
         raise InputError("synchronization", synchronization, f"must be one of {', '.join(_CODES)}")
     return int(_CODES[synchronization])
 

@@ -110,7 +110,7 @@ class Limits:
 
     def _per_cycle(self, cycle_time: float) -> bytes:
         """The limits per cycle as the memory of an ``sj_limits``; made once per cycle time."""
-        made = self._c.get(cycle_time)
+        made = self._c.get(cycle_time) if cycle_time.__class__ is float else None
         if made is None:
             T = positive("cycle_time", cycle_time)
             deceleration, deceleration_jerk = self.braking
@@ -122,8 +122,8 @@ class Limits:
                 deceleration * T**2,
                 deceleration_jerk * T**3,
             )
-            if self.position is None:  # else every target has to be looked at
-                self._c[cycle_time] = made
+            if self.position is None and len(self._c) < 16:  # else every target is looked at
+                self._c[T] = made
         return made
 
     @property
@@ -165,7 +165,7 @@ class Phase:
     jerk: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Samples:
     """A motion in numbers: five arrays of one shape, float64, in seconds and the axis's unit."""
 
@@ -246,6 +246,9 @@ class Profile:
         """
         self._cycle_time = positive("cycle_time", cycle_time)
         self._phases = tuple(phases)
+        for name, state in (("start", start), ("end", end)):
+            if not isinstance(state, State):
+                raise InputError(name, state, "must be a State")
         self._start, self._end, self._range = start, end, position_range
         self._way = self._c_owner = None
         if len(self._phases) > lib.SJ_PHASES:
@@ -407,6 +410,10 @@ class Profile:
         rows = self.cycles + 2
         if out is None:
             out = Samples.empty(rows)
+        elif not isinstance(out, Samples):
+            raise InputError("out", type(out).__name__, "must be a Samples")
+        elif len({id(getattr(out, name)) for name in COLUMNS}) < len(COLUMNS):
+            raise InputError("out", "one array for two columns", "must be five arrays")
         self._sample_rows(out, rows)
         return out
 
@@ -457,9 +464,18 @@ def _roots(a: float, b: float, c: float) -> tuple[float, ...]:
 
 
 def _c_column(name: str, column: FloatArray, rows: int) -> Any:
-    if column.shape != (rows,) or column.dtype != np.float64:
+    if not isinstance(column, np.ndarray):
+        raise InputError(f"out.{name}", type(column).__name__, "must be an array")
+    flags = column.flags
+    if (
+        column.shape != (rows,)
+        or column.dtype != np.float64
+        or not (flags.c_contiguous and flags.writeable)
+    ):
         has = (column.shape, str(column.dtype))
-        raise InputError(f"out.{name}", has, f"must be float64 of shape ({rows},)")
+        raise InputError(
+            f"out.{name}", has, f"must be float64 of shape ({rows},), contiguous and writeable"
+        )
     return ffi.from_buffer("double[]", column, require_writable=True)
 
 
@@ -725,6 +741,8 @@ def scurve(
     (2058, [100, 80, 100, 1498, 100, 80, 100])
     """
     distance = real("distance", distance)
+    if not isinstance(limits, Limits):
+        raise InputError("limits", limits, "must be a Limits")
     T_s = positive("cycle_time", cycle_time)
     for name, velocity in (("v_start", v_start), ("v_end", v_end)):
         if not 0.0 <= real(name, velocity) <= limits.velocity:

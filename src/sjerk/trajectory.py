@@ -9,6 +9,7 @@ import csv
 import math
 from dataclasses import dataclass
 from importlib.resources import files
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -41,8 +42,12 @@ class Recording:
 
 
 def shipped_recording() -> Path:
-    """Return the recording that comes with sjerk: a TOPP-RA plan of a Panda arm (MCAP)."""
-    return Path(str(files("sjerk") / "data" / "panda.mcap"))
+    """Return the recording that comes with sjerk: a TOPP-RA plan of a Panda arm.
+
+    An MCAP bag of all joints; where rosbags is not installed, the CSV of its first joint.
+    """
+    name = "panda.mcap" if find_spec("rosbags") else "panda_joint1.csv"
+    return Path(str(files("sjerk") / "data" / name))
 
 
 def read_recording(path: str | Path, *, joint: str | None = None) -> Recording:
@@ -57,7 +62,10 @@ def read_recording(path: str | Path, *, joint: str | None = None) -> Recording:
     path = Path(path)
     if not path.exists():
         raise RecordingError(path, "no such file")
-    found = _read_csv(path) if path.suffix == ".csv" else _read_bag(path, joint)
+    try:
+        found = _read_csv(path) if path.suffix.lower() == ".csv" else _read_bag(path, joint)
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise RecordingError(path, f"cannot be read ({error})") from error
     return _checked(path, found)
 
 
