@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
 from pathlib import Path
 
+from sjerk import Axis, Limits, MotionKernel
 from sjerk.handshake import Layout, Segment
 
 LEAVE = (
@@ -43,3 +45,68 @@ def test_wrong_arguments_exit_with_2() -> None:
     """No job, or one that does not exist."""
     assert sjerk().returncode == 2
     assert sjerk("dance").returncode == 2
+
+
+FILE = """
+cycle_time = 1e-3
+[[axes]]
+unit = "deg"
+counts_per_unit = 46603.37777777778
+limits = { velocity = 90, acceleration = 500, jerk = 5000, position = [-170, 170] }
+[[axes]]
+unit = "deg"
+counts_per_unit = 46603.37777777778
+limits = { velocity = 90, acceleration = 500, jerk = 5000, position = [-170, 170] }
+"""
+
+
+def test_a_person_runs_a_kernel_by_commands(tmp_path: Path) -> None:
+    """Start, enable, move, refuse, jog, stop, look, end by SIGTERM; the exit codes tell."""
+    file, name = tmp_path / "robot.toml", f"line-{os.getpid()}"
+    file.write_text(FILE)
+    kernel = subprocess.Popen(
+        [sys.executable, "-m", "sjerk", "kernel", str(file), "--name", name, "--json"],
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert kernel.stdout is not None
+
+    def say(job: str, *arguments: str) -> tuple[int, dict]:
+        done = sjerk(job, *arguments, "--name", name, "--json")
+        return done.returncode, json.loads(done.stdout) if done.stdout else {}
+
+    with kernel.stdout:
+        started = json.loads(kernel.stdout.readline())
+        assert (started["kernel"], started["axes"]) == (name, 2)
+        assert sjerk("move", "1", "2", "--name", name).returncode == 3  # not enabled
+        assert say("enable")[0] == 0
+        code, after = say("move", "0=10", "1=-5", "--synchronization", "phase")
+        assert code == 0
+        assert [axis["position"] for axis in after["axes"]] == [10.0, -5.0]
+        assert sjerk("move", "0=171", "--name", name).returncode == 1  # beyond the limits
+        assert sjerk("move", "0=x", "--name", name).returncode == 1
+        assert sjerk("move", "0=160", "--timeout", "0.05", "--name", name).returncode == 5
+        code, after = say("stop", "--quick")
+        assert code == 0
+        assert after["axes"][0]["velocity"] == 0.0
+        code, after = say("jog", "0=20", "1=-20")
+        assert code == 0
+        code, after = say("status")
+        assert [axis["state"] for axis in after["axes"]] == ["CONTINUOUS_MOTION"] * 2
+        assert say("stop")[0] == 0
+        code, after = say("report", "--seconds", "0.2")
+        assert [row["of"] for row in after["times_us"]] == ["latency", "period", "computing"]
+        assert say("disable")[0] == 0
+        kernel.terminate()
+        assert kernel.wait(timeout=60.0) == 0
+    assert sjerk("status", "--name", name).returncode == 6
+    assert not [entry for entry in Path("/dev/shm").iterdir() if name in entry.name]
+
+
+def test_the_live_table_needs_no_host(tmp_path: Path) -> None:
+    """Monitor shows a row per axis and leaves by itself."""
+    axis = Axis(Limits(90.0, 500.0, 5000.0), 2**24 / 360.0, unit="deg")
+    with MotionKernel([axis], 1e-3) as kernel, kernel.host():
+        shown = sjerk("monitor", "--seconds", "0.3", "--name", kernel.name)
+        assert shown.returncode == 0, shown.stderr
+        assert "DISABLED" in shown.stdout

@@ -93,7 +93,7 @@ def test_several_axes_take_a_goal_together_or_not_at_all() -> None:
     """If one axis refuses, none moves; else all arrive in the same cycle."""
     kernel, host = stepped(3)
     refused = host.move([5.0, 5.0, 5.0])
-    host._command.axis[1].limits.velocity = -1.0  # forged after the host's own checks
+    host._command.axis[1].goal.limits.velocity = -1.0  # forged after the host's own checks
     host._command.goal_id += 1
     host._publish()
     kernel.step()
@@ -236,8 +236,8 @@ def test_a_command_that_was_forged_is_refused_by_the_kernel() -> None:
     kernel, host = stepped()
 
     def send(goal: float, velocity: float, limit: float) -> int:
-        entry = host._command.axis[0]
-        entry.moves, entry.goal, entry.goal_velocity = 1, goal, velocity
+        entry = host._command.axis[0].goal
+        entry.kind, entry.goal, entry.goal_velocity = 1, goal, velocity
         ffi.memmove(ffi.addressof(entry, "limits"), LIMITS._per_cycle(T), 40)
         entry.limits.jerk = limit
         host._command.goal_id += 1
@@ -356,7 +356,7 @@ HOST = textwrap.dedent(
     """
     import sys, time
     from sjerk import *
-    host = Host.attach(sys.argv[1], [Limits(90.0, 500.0, 5000.0, deceleration=300.0)], 1e-3)
+    host = Host.attach(sys.argv[1])
     host.enable()
     host.move(float(sys.argv[2]))
     print("moving", flush=True)

@@ -1,6 +1,7 @@
 """sjerk: a motion kernel. Jerk-limited s-curves in whole control cycles, exact to the last bit."""
 
 from sjerk.cia402 import Drive, DriveConfig
+from sjerk.clock import Clock, ClockReport, Grant
 from sjerk.errors import (
     InfeasibleError,
     InputError,
@@ -9,25 +10,36 @@ from sjerk.errors import (
     PlanError,
     RefusedError,
     SjerkError,
+    SupersededError,
 )
+from sjerk.feedback import AxisFeedback, Event, EventKind, Feedback, Timing
 from sjerk.following import Followed, Segment, follow, follow_path, follow_stops
-from sjerk.host import Feedback, Host, Move, MoveState
-from sjerk.kernel import Axis, MotionKernel
+from sjerk.host import Host, Move, MoveState
+from sjerk.kernel import Axis, Image, MotionKernel, Reactions
 from sjerk.planning import Motion, Plans, plan, plan_many, plan_velocity
 from sjerk.profile import Extrema, Limits, Phase, Profile, Range, Samples, State, scurve
+from sjerk.states import AxisState
 from sjerk.trajectory import ExecutionMode, Fault, FaultKind, Trajectory, TrajectoryError, resample
 
 __all__ = [
     "Axis",
+    "AxisFeedback",
+    "AxisState",
+    "Clock",
+    "ClockReport",
     "Drive",
     "DriveConfig",
+    "Event",
+    "EventKind",
     "ExecutionMode",
     "Extrema",
     "Fault",
     "FaultKind",
     "Feedback",
     "Followed",
+    "Grant",
     "Host",
+    "Image",
     "InfeasibleError",
     "InputError",
     "KernelGoneError",
@@ -42,11 +54,14 @@ __all__ = [
     "Plans",
     "Profile",
     "Range",
+    "Reactions",
     "RefusedError",
     "Samples",
     "Segment",
     "SjerkError",
     "State",
+    "SupersededError",
+    "Timing",
     "Trajectory",
     "TrajectoryError",
     "follow",

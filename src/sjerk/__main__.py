@@ -1,6 +1,8 @@
 """The command line of sjerk, thin: arguments in, exit code out.
 
-Exit codes: 0 done, 1 an error that is told in one line, 2 wrong arguments, 130 stopped by Ctrl-C.
+Exit codes: 0 done, 1 an error that is told in one line, 2 wrong arguments,
+3 refused by the kernel, 4 stopped or superseded on the way, 5 not within the time, 6 no such
+kernel, or it ended, 130 stopped by Ctrl-C.
 """
 
 from __future__ import annotations
@@ -9,8 +11,14 @@ import argparse
 import sys
 from pathlib import Path
 
-from sjerk import demo
-from sjerk.errors import SjerkError
+from sjerk import commands, demo
+from sjerk.errors import (
+    KernelGoneError,
+    MotionStoppedError,
+    RefusedError,
+    SegmentMissingError,
+    SjerkError,
+)
 from sjerk.handshake import clean
 from sjerk.ports import canopen
 from sjerk.trajectory import shipped_recording
@@ -34,6 +42,7 @@ def arguments() -> argparse.ArgumentParser:
     job.set_defaults(
         run=lambda o: demo.run(o.path, o.out, o.cycle_us / 1e6, o.joint),
     )
+    commands.add_arguments(jobs)
     job = jobs.add_parser("clean", help="remove the segments of kernels that are dead")
     job.add_argument("--dry-run", action="store_true", help="list, remove nothing")
     job.set_defaults(run=_clean)
@@ -52,14 +61,23 @@ def _clean(options: argparse.Namespace) -> int:
     return 0
 
 
+_CODES: dict[type[Exception], int] = {
+    RefusedError: 3,
+    MotionStoppedError: 4,
+    TimeoutError: 5,
+    KernelGoneError: 6,
+    SegmentMissingError: 6,
+}
+
+
 def main(argv: list[str] | None = None) -> int:
     """Run the command line; returns the exit code."""
     options = arguments().parse_args(argv)
     try:
         return int(options.run(options))
-    except (SjerkError, OSError) as error:
+    except (SjerkError, TimeoutError, OSError) as error:
         print(f"sjerk: {error}", file=sys.stderr)
-        return 1
+        return next((code for kind, code in _CODES.items() if isinstance(error, kind)), 1)
     except KeyboardInterrupt:
         return 130
 

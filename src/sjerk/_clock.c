@@ -1,13 +1,18 @@
 /* The cyclic loop: the only file that knows time and scheduling.
  *
- * Absolute deadlines on CLOCK_MONOTONIC; a deadline that has passed is counted and skipped, never
- * made up for by a burst. Computing time is the thread's own CPU time.
+ * Absolute deadlines on CLOCK_MONOTONIC: sleep until shortly before, then watch the clock; a deadline
+ * that has passed is counted and skipped, never made up for by a burst. Computing time is the
+ * thread's own CPU time. What the system refuses is reported, and the loop runs all the same.
  */
-#define _POSIX_C_SOURCE 200809L /* clock_nanosleep */
+#define _GNU_SOURCE    /* clock_nanosleep, processor affinity */
 #include <errno.h>     /* EINTR */
+#include <pthread.h>   /* scheduling of the own thread */
+#include <sched.h>     /* SCHED_FIFO, cpu_set_t */
 #include <stdatomic.h> /* the end flag, raised by another thread */
 #include <stddef.h>
 #include <stdint.h>
+#include <stdio.h>     /* the system's real-time share, read before the loop */
+#include <sys/mman.h>  /* mlock */
 #include <time.h>
 #include "_kernel.h"
 
@@ -50,6 +55,100 @@ static void sleep_until(uint64_t deadline_ns)
         ;
 }
 
+/* ---- what is asked of the system, before the loop ---- */
+
+enum { STACK_BYTES = 256 * 1024, PAGE = 4096 };
+static const double used_share = 0.9; /* of the real-time share: the rest is for what is not seen */
+
+static long read_number(const char *path, long otherwise)
+{
+    FILE *file = fopen(path, "r");
+    long number = otherwise;
+    if (file == NULL)
+        return otherwise;
+    if (fscanf(file, "%ld", &number) != 1)
+        number = otherwise;
+    fclose(file);
+    return number;
+}
+
+/* The share of each period after which the system suspends real-time threads. */
+static double realtime_share(void)
+{
+    long runtime = read_number("/proc/sys/kernel/sched_rt_runtime_us", -1);
+    long period = read_number("/proc/sys/kernel/sched_rt_period_us", 1000000);
+    return runtime < 0 || period <= 0 || runtime >= period ? 1.0 : (double)runtime / (double)period;
+}
+
+uint64_t sj_clock_spin_ns(const sj_clock_options *options, double share, uint64_t computing_ns)
+{
+    double most = share * used_share * (double)options->period_ns - (double)computing_ns;
+    if (most <= 0.0)
+        return 0;
+    return (double)options->spin_ns <= most ? options->spin_ns : (uint64_t)most;
+}
+
+/* Grow the stack to what a cycle may need and lock it: no page fault in the loop. */
+static __attribute__((noinline)) int lock_stack(void)
+{
+    volatile char stack[STACK_BYTES];
+    for (size_t i = 0; i < sizeof stack; i += PAGE)
+        stack[i] = 0;
+    return mlock((const void *)stack, sizeof stack);
+}
+
+static int32_t lock_memory(const sj_kernel *kernel, uint64_t bytes)
+{
+    int stack = lock_stack();
+    /* not MCL_FUTURE: under a limit it would make later allocations of the process fail */
+    if (mlockall(MCL_CURRENT) == 0)
+        return SJ_GRANT_FULL;
+    if (stack == 0 && mlock(kernel, sizeof *kernel) == 0 && mlock(kernel->segment, bytes) == 0)
+        return SJ_GRANT_PART;
+    return -errno;
+}
+
+/* bytes: of the segment. */
+void sj_clock_prepare(const sj_kernel *kernel, uint64_t bytes, const sj_clock_options *options,
+                      sj_clock_report *report)
+{
+    *report = (sj_clock_report){.asked = *options, .share = 1.0};
+    if (options->cpu >= 0) {
+        cpu_set_t set;
+        int error = EINVAL;
+        if (options->cpu < CPU_SETSIZE) {
+            CPU_ZERO(&set);
+            CPU_SET((size_t)options->cpu, &set);
+            error = pthread_setaffinity_np(pthread_self(), sizeof set, &set);
+        }
+        report->cpu = error == 0 ? SJ_GRANT_FULL : -error;
+    }
+    if (options->lock_memory)
+        report->memory = lock_memory(kernel, bytes);
+    if (options->priority > 0) {
+        struct sched_param priority = {.sched_priority = options->priority};
+        int error = pthread_setschedparam(pthread_self(), SCHED_FIFO, &priority);
+        report->priority = error == 0 ? SJ_GRANT_FULL : -error;
+    }
+    if (report->priority == SJ_GRANT_FULL)
+        report->share = realtime_share();
+    report->spin_ns = sj_clock_spin_ns(options, report->share, 0);
+    report->capped = report->spin_ns < options->spin_ns;
+}
+
+/* ---- the loop ---- */
+
+/* Sleep, then watch the clock for the last spin_ns. Returns the time of waking. */
+static uint64_t wait_until(uint64_t deadline_ns, uint64_t spin_ns)
+{
+    uint64_t now;
+    sleep_until(deadline_ns - spin_ns);
+    do
+        now = sj_clock_now_ns();
+    while (now < deadline_ns);
+    return now;
+}
+
 /* Raise the end flag of a running loop, from any thread. */
 void sj_clock_end(int32_t *end)
 {
@@ -57,29 +156,30 @@ void sj_clock_end(int32_t *end)
 }
 
 /* Cycle until the flag is raised and then everything is at rest and disabled. */
-void sj_clock_run(sj_kernel *kernel, uint64_t period_ns, int32_t *end)
+void sj_clock_run(sj_kernel *kernel, const sj_clock_options *options, int32_t *end)
 {
-    uint64_t deadline = sj_clock_now_ns() + period_ns, woken_before = 0;
+    const uint64_t period_ns = options->period_ns;
+    sj_feedback *feedback = &kernel->feedback;
+    uint64_t deadline = sj_clock_now_ns() + period_ns, woken_before = 0, cpu = 0;
 
     while (!kernel->ending || !sj_kernel_at_rest(kernel)) {
-        uint64_t woken, cpu, done;
-        sleep_until(deadline);
-        woken = sj_clock_now_ns();
+        uint64_t spin_ns = sj_clock_spin_ns(options, feedback->clock.share, cpu), woken, done;
+        woken = wait_until(deadline, spin_ns);
         cpu = read_clock(CLOCK_THREAD_CPUTIME_ID);
         kernel->ending = atomic_load((_Atomic int32_t *)end);
         sj_kernel_cycle(kernel, woken);
         cpu = read_clock(CLOCK_THREAD_CPUTIME_ID) - cpu;
 
-        sj_histogram_add(&kernel->feedback.latency, woken - deadline);
-        sj_histogram_add(&kernel->feedback.computing, cpu);
+        sj_histogram_add(&feedback->latency, woken - deadline);
+        sj_histogram_add(&feedback->computing, cpu);
         if (woken_before != 0)
-            sj_histogram_add(&kernel->feedback.period, woken - woken_before);
+            sj_histogram_add(&feedback->period, woken - woken_before);
         woken_before = woken;
         deadline += period_ns;
         done = sj_clock_now_ns();
         if (done >= deadline) {
             uint64_t skipped = (done - deadline) / period_ns + 1;
-            kernel->feedback.late += skipped;
+            feedback->late += skipped;
             deadline += skipped * period_ns;
         }
     }

@@ -602,6 +602,9 @@ uint16_t sj_master_controlword(uint16_t statusword, int32_t enable, int32_t rese
 int32_t sj_master_enabled(uint16_t statusword);                 /* OPERATION ENABLED */
 int32_t sj_master_follows(uint16_t statusword);                 /* enabled and following, bit 12 */
 int32_t sj_master_fault(uint16_t statusword);                   /* FAULT or its reaction */
+int32_t sj_master_stopping(uint16_t statusword);                /* QUICK STOP ACTIVE */
+int32_t sj_master_follows_position(const sj_drive_tx *tx);      /* follows, in mode CSP */
+int32_t sj_master_homing(const sj_drive_tx *tx);                /* mode 6: 1 attained, -1 error, 0 */
 
 void sj_verdict_clear(sj_drive_verdict *verdict);
 
@@ -648,7 +651,39 @@ int64_t sj_follow_sample(int64_t count, int64_t joints, const double *position,
                          const double *last_jerk, const int64_t *length, const double *jerk,
                          const sj_follow_samples *out);
 
-/* ---- wiring: interpolator and kernel cycle (_kernel.c) --------------------------------------- */
+/* ---- peers: states of an axis (_states.c) ---------------------------------------------------- */
+
+enum {                                  /* PLCopen, motion control part 1: the state diagram */
+    SJ_AXIS_DISABLED = 0,
+    SJ_AXIS_STANDSTILL = 1,
+    SJ_AXIS_DISCRETE = 2,               /* a motion that ends at rest */
+    SJ_AXIS_CONTINUOUS = 3,
+    SJ_AXIS_SYNCHRONIZED = 4,
+    SJ_AXIS_HOMING = 5,
+    SJ_AXIS_STOPPING = 6,
+    SJ_AXIS_ERROR_STOP = 7,
+    SJ_AXIS_STATES = 8
+};
+
+enum {                                  /* what leads from one to the next */
+    SJ_TRIGGER_POWER_ON = 0,            /* the drive follows */
+    SJ_TRIGGER_POWER_OFF = 1,
+    SJ_TRIGGER_FAULT = 2,
+    SJ_TRIGGER_RESET = 3,               /* the fault is gone */
+    SJ_TRIGGER_MOVE = 4,
+    SJ_TRIGGER_JOG = 5,
+    SJ_TRIGGER_SYNCHRONIZE = 6,
+    SJ_TRIGGER_HOME = 7,
+    SJ_TRIGGER_HALT = 8,
+    SJ_TRIGGER_QUICK_STOP = 9,
+    SJ_TRIGGER_DONE = 10,               /* at rest */
+    SJ_TRIGGERS = 11
+};
+
+/* The next state, or -1: refused in this state. */
+int32_t sj_axis_next(int32_t state, int32_t trigger);
+
+/* ---- wiring: interpolator (_kernel.c) and cycle (_cycle.c) ----------------------------------- */
 
 enum sj_load_status {
     SJ_LOAD_OK = 0,
@@ -696,30 +731,83 @@ void    sj_lemma_sample(const sj_state *plan, double jerk, sj_state *sample);
 /* One cycle. Command and feedback are what the dual-port RAM carries; its layouts are hashed by
  * the host (field names, types and offsets). Positions in axis units, time in cycles. */
 
-enum sj_result {                        /* what became of a goal or of a state */
+enum sj_result {                        /* what became of a goal */
     SJ_RESULT_NONE = 0,
     SJ_RESULT_ACCEPTED = 1,
     SJ_RESULT_NOT_FOLLOWING = 2,        /* refused: the drive does not follow (bit 12 = 0) */
     SJ_RESULT_PLAN = 3,                 /* refused: a number or limit that cannot be planned */
     SJ_RESULT_RANGE = 4,                /* refused: not a number, or beyond the drive's counter */
     SJ_RESULT_STOPPED = 5,              /* refused: came with a stop, or the kernel is ending */
-    SJ_RESULT_LIMITS = 6                /* refused: limits above those of the axis */
+    SJ_RESULT_LIMITS = 6,               /* refused: limits above those of the axis */
+    SJ_RESULT_STATE = 7,                /* refused: the axis stops, homes, or has an error */
+    SJ_RESULT_LIMIT = 8,                /* refused: it would leave the axis' position limits */
+    SJ_RESULT_SPEED = 9,                /* refused: faster than the drive follows */
+    SJ_RESULTS = 10
 };
+
+enum sj_goal_kind {
+    SJ_GOAL_NONE = 0,
+    SJ_GOAL_ABSOLUTE = 1,
+    SJ_GOAL_RELATIVE = 2,               /* `goal` is a distance from the commanded position */
+    SJ_GOAL_JOG = 3,                    /* to goal_velocity, and to rest at a position limit */
+    SJ_GOAL_HOME = 4                    /* the drive's own homing */
+};
+
+enum sj_event_kind {
+    SJ_EVENT_GOAL = 0,                  /* code: enum sj_result of goal_id */
+    SJ_EVENT_STATE = 1,                 /* code: new state of the axis, value: the one before */
+    SJ_EVENT_HOST = 2,                  /* code: enum sj_shm_host_state */
+    SJ_EVENT_SPOILT = 3,                /* a command that a wild writer had spoilt */
+    SJ_EVENT_FAULT = 4,                 /* code: 603Fh of the axis' drive */
+    SJ_EVENT_FOLLOWING = 5,             /* value: the following error, axis unit */
+    SJ_EVENT_LATE = 6,                  /* value: cycles of the clock that were skipped */
+    SJ_EVENT_ANCHOR = 7,                /* the drive left; the command is the actual position */
+    SJ_EVENT_LIMITS = 8,                /* code: enum sj_result of new limits */
+    SJ_EVENTS = 9
+};
+
+enum sj_cause {                         /* what a kernel can react to */
+    SJ_CAUSE_HOST_DEATH = 0,
+    SJ_CAUSE_HOST_SILENCE = 1,          /* only of a host that asked to be watched */
+    SJ_CAUSE_DRIVE_FAULT = 2,           /* the other axes; the faulted one is its drive's */
+    SJ_CAUSE_FOLLOWING_ERROR = 3,
+    SJ_CAUSE_OVERRUN = 4,
+    SJ_CAUSE_SPOILT = 5,
+    SJ_CAUSES = 6
+};
+
+enum sj_reaction { SJ_REACT_NONE = 0, SJ_REACT_HALT = 1, SJ_REACT_QUICK_STOP = 2 };
+
+typedef struct {
+    uint64_t cycle, time_ns;            /* of the frame it happened in */
+    uint64_t goal_id;
+    double value;
+    int32_t kind, axis, code, reserved; /* axis: -1 = all */
+} sj_kernel_event;
 
 typedef struct {
     double goal, goal_velocity;
     sj_limits limits;
-    int32_t moves;                      /* 1: this goal is for this axis */
+    int32_t kind;                       /* enum sj_goal_kind; NONE: not for this axis */
+    int32_t reserved;
+} sj_axis_goal;
+
+/* Levels, and edges as counters: a new number is one edge, whatever was overwritten in between. */
+typedef struct {
+    sj_axis_goal goal;
+    sj_limits limits;                   /* of the axis, taken when limit_sets is new */
+    int32_t enable;
+    uint32_t halts, quick_stops, resets, limit_sets;
     int32_t reserved;
 } sj_axis_command;
 
 typedef struct {
     uint64_t sequence;                  /* of this command; echoed */
     uint64_t goal_id;                   /* a new number is a new goal */
-    uint64_t stop_count, reset_count;   /* a new number is one stop, one fault reset */
-    int32_t enable;
-    int32_t synchronization;            /* of this goal: enum sj_synchronization */
     int64_t least_cycles;               /* of this goal */
+    int32_t synchronization;            /* of this goal: enum sj_synchronization */
+    int32_t hold;                       /* 1: wait on the path */
+    double override;                    /* of velocities, 0 .. 2 */
     sj_axis_command axis[64];
 } sj_command;
 
@@ -733,7 +821,15 @@ typedef struct {
     int32_t following_error;            /* 60F4h */
     uint16_t statusword, error_code;
     int32_t moving, settled;            /* settled: on the goal, or past it at its velocity */
-    int32_t follows, enabled, fault, reserved;
+    int32_t follows, enabled, fault;
+    int32_t state;                      /* SJ_AXIS_... */
+    int32_t enable;                     /* levels and counters of the command, as taken */
+    uint32_t halts, quick_stops, resets, limit_sets;
+    int32_t external;                   /* its drive is outside the kernel */
+    sj_limits limits;                   /* in force */
+    double position_min, position_max;
+    double counts_per_unit, wrap;       /* wrap: axis units per turn, 0 = none */
+    char unit[16];
 } sj_axis_feedback;
 
 enum { SJ_HISTOGRAM_BUCKETS = 400 };
@@ -744,64 +840,118 @@ typedef struct {
     uint32_t bucket[400];
 } sj_histogram;
 
+enum sj_grant {                         /* or an errno, negative: asked, refused, and why */
+    SJ_GRANT_NOT_ASKED = 0,
+    SJ_GRANT_FULL = 1,
+    SJ_GRANT_PART = 2                   /* memory: what the cycle touches, not the whole process */
+};
+
+typedef struct {
+    uint64_t period_ns;
+    uint64_t spin_ns;                   /* busy wait before each deadline, at most; 0 = sleep only */
+    int32_t priority;                   /* SCHED_FIFO 1..99; 0 = not asked */
+    int32_t cpu;                        /* pin to this processor; -1 = not asked */
+    int32_t lock_memory;                /* 1: lock and touch all memory of the cycle */
+    int32_t reserved;
+} sj_clock_options;
+
+typedef struct {
+    sj_clock_options asked;
+    int32_t priority, cpu, memory;      /* enum sj_grant */
+    int32_t capped;                     /* 1: the busy wait is shorter than asked */
+    double share;                       /* of the processor that a real-time thread may use, or 1 */
+    uint64_t spin_ns;                   /* busy wait of an idle cycle */
+} sj_clock_report;
+
 typedef struct {
     uint64_t cycle;                     /* cycles since start */
     uint64_t time_ns;                   /* CLOCK_MONOTONIC at its begin, 0 in a caller's own loop */
-    uint64_t sequence, stop_count, reset_count;         /* newest taken */
+    uint64_t sequence;                  /* newest command taken */
     uint64_t result_goal_id;            /* goal that `result` is about */
     uint64_t late;                      /* cycles of the clock that were skipped */
-    uint64_t corrupt;                   /* commands that a wild writer had spoilt; each stops all axes */
+    uint64_t corrupt;                   /* commands that a wild writer had spoilt */
     uint64_t kernel_epoch;              /* which kernel this frame is of */
-    double cycle_time_s;                /* of the kernel; a host must mean the same */
+    double cycle_time_s, override;
     int32_t result, result_axis;        /* enum sj_result; axis that refused, or -1 */
-    int32_t axes, ending;
+    int32_t axes, ending, hold, reserved;
+    sj_clock_report clock;
     sj_histogram latency, period, computing;
     sj_axis_feedback axis[64];
 } sj_feedback;
 
 typedef struct {
+    sj_limits limits, stop_limits;      /* per cycle; of halts, of quick stops */
+    double position_min, position_max;  /* axis unit; -inf and inf: none */
+    double counts_per_unit;
+    double following_limit;             /* axis unit; inf: not watched */
+    double velocity_max;                /* per cycle: what the drive follows; inf: unknown */
+    double wrap;
+    int32_t external;                   /* 1: rx and tx are exchanged by the caller */
+    int32_t reserved;
+    char unit[16];
+} sj_axis_config;
+
+typedef struct {
     sj_interpolator interpolator;
     sj_drive drive;
-    sj_drive_rx rx;
-    sj_drive_tx tx;
-    sj_limits limits;                   /* of stops; per cycle */
-    sj_axis_command goal;               /* in execution, or reached */
-    double counts_per_unit;
-    double cycle_time_s;
+    sj_axis_config config;
+    sj_axis_goal goal;                  /* in execution, or reached; absolute */
+    double line;                        /* its share of a straight line, 0: not on one */
     int64_t actual_counts;              /* 6064h unwrapped */
+    int64_t target_counts;              /* sent last */
+    int64_t least_cycles;
+    uint64_t goal_id;
+    int32_t synchronization;
+    int32_t state;                      /* SJ_AXIS_... */
     int32_t following;                  /* the command leads, the drive follows */
-    int32_t reserved;
+    int32_t parked;                     /* held on its way to the goal */
+    int32_t reached;                    /* has been on the goal */
+    int32_t error;                      /* stopped by the kernel; until reset */
+    int32_t enable;
+    int32_t reset;                      /* cycles left of a fault reset's edge */
+    int32_t homing;                     /* cycles since the order, 0 = none */
+    int32_t drive_stop;                 /* 1: the drive's own quick stop; the planner could not */
+    uint32_t halts, quick_stops, resets, limit_sets;
 } sj_axis;
 
 typedef struct {
     void *segment;
     int32_t axes;
     int32_t ending;                     /* 1: stop, disable, refuse goals */
-    int32_t enable;
-    int32_t reset;                      /* cycles left of a fault reset's edge */
+    int32_t ended;                      /* the end has been seen */
     int32_t host_state;
+    int32_t hold;
     int32_t reserved;
-    uint64_t stop_count, reset_count, goal_id;
+    double override;
+    uint64_t goal_id, late;
+    int32_t reaction[8];                /* enum sj_reaction by enum sj_cause */
     sj_command incoming;                /* what collect fills; spoilt where it fails */
     sj_command command;
     sj_feedback feedback;
     sj_plan plan[64];                   /* room for planning a goal */
     sj_interpolator trial[64];
+    sj_drive_rx rx[64];                 /* process image: to the drives, from the drives */
+    sj_drive_tx tx[64];
     sj_axis axis[64];
 } sj_kernel;
 
 uint64_t sj_command_bytes(int32_t axes);
 uint64_t sj_feedback_bytes(int32_t axes);
-int32_t  sj_kernel_init(sj_kernel *kernel, void *segment, int32_t axes);
+int32_t  sj_kernel_init(sj_kernel *kernel, void *segment, int32_t axes, double cycle_time_s);
 int32_t  sj_kernel_axis(sj_kernel *kernel, int32_t axis, const sj_drive_config *drive,
-                        const sj_limits *limits, double counts_per_unit);
+                        const sj_axis_config *config);
 void     sj_kernel_cycle(sj_kernel *kernel, uint64_t now_ns);
 void     sj_kernel_cycles(sj_kernel *kernel, int64_t cycles); /* in a caller's own loop */
 int32_t  sj_kernel_at_rest(const sj_kernel *kernel);    /* nothing moves, no drive is enabled */
 
 /* ---- wiring: the clock (_clock.c) ------------------------------------------------------------ */
 
-void     sj_clock_run(sj_kernel *kernel, uint64_t period_ns, int32_t *end);
+/* Ask the system for what `options` says, for the calling thread; `report` tells what it gave. */
+void     sj_clock_prepare(const sj_kernel *kernel, uint64_t bytes, const sj_clock_options *options,
+                          sj_clock_report *report);
+void     sj_clock_run(sj_kernel *kernel, const sj_clock_options *options, int32_t *end);
+/* Longest busy wait of one cycle that keeps this share of the processor, computing included. */
+uint64_t sj_clock_spin_ns(const sj_clock_options *options, double share, uint64_t computing_ns);
 void     sj_clock_end(int32_t *end);
 uint64_t sj_clock_now_ns(void);
 void     sj_histogram_add(sj_histogram *histogram, uint64_t ns);

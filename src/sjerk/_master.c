@@ -46,3 +46,24 @@ uint16_t sj_master_controlword(uint16_t statusword, int32_t enable, int32_t rese
         return ENABLE;
     return SHUTDOWN;
 }
+
+int32_t sj_master_stopping(uint16_t statusword)
+{
+    return is(statusword, SJ_STATE_QUICK_STOP);
+}
+
+/* A master that does not map 6061h reads a zero: then the statusword has to do. */
+int32_t sj_master_follows_position(const sj_drive_tx *tx)
+{
+    return sj_master_follows(tx->statusword) &&
+           (tx->mode_display == SJ_MODE_CSP || tx->mode_display == SJ_MODE_NONE);
+}
+
+int32_t sj_master_homing(const sj_drive_tx *tx)
+{
+    if (tx->mode_display != SJ_MODE_HOMING || !sj_master_enabled(tx->statusword))
+        return 0;
+    if (tx->statusword & SJ_SW_FOLLOWING_ERROR)
+        return -1;
+    return (tx->statusword & SJ_SW_FOLLOWS) && (tx->statusword & SJ_SW_TARGET_REACHED) ? 1 : 0;
+}

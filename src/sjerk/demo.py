@@ -15,7 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from sjerk.errors import InputError
-from sjerk.host import AxisFeedback, Distribution, Host, Timing
+from sjerk.feedback import AxisFeedback, Distribution, Timing
+from sjerk.host import Host
 from sjerk.kernel import Axis, MotionKernel
 from sjerk.profile import FloatArray, Limits
 from sjerk.trajectory import Recording, read_recording

@@ -64,6 +64,19 @@ class MotionStoppedError(SjerkError):
         super().__init__(f"{why} before the goal, commanded positions {positions}")
 
 
+class SupersededError(MotionStoppedError):
+    """A newer goal took the place of this one. ``positions`` by axis."""
+
+
+class ConfigError(InputError):
+    """A value in a configuration file: ``path`` is the file, ``field`` the place in it."""
+
+    def __init__(self, path: str, field: str, value: object, limit: str) -> None:
+        super().__init__(f"{path}: {field}", value, limit)
+        self.path = path
+        self.field = field
+
+
 class KernelGoneError(SjerkError):
     """The kernel's process has ended."""
 

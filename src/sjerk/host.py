@@ -5,30 +5,36 @@ Never here: the cycle, the layout of the memory, bit masks of drives.
 
 from __future__ import annotations
 
+import asyncio
 import hashlib
 import threading
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Generator, Iterable, Sequence
+from dataclasses import replace
 from enum import Enum
 from functools import cache
-from typing import Any
+from typing import Any, Literal, Self
 
 from sjerk._binding import ffi, lib
-from sjerk.cia402 import State as DriveState
 from sjerk.errors import (
+    HostTakenError,
     InputError,
     KernelGoneError,
     MotionStoppedError,
     RefusedError,
+    SegmentLayoutError,
     SjerkError,
+    SupersededError,
     real,
 )
+from sjerk.feedback import Event, EventKind, Feedback, limits_of
 from sjerk.handshake import Layout, Segment
 from sjerk.planning import Synchronization, check_target, code_of, cycles_of
 from sjerk.profile import Limits, State
 
 Target = float | State
+Axes = int | Iterable[int] | None
+Direction = Literal["direct", "shortest", "positive", "negative"]
 
 #: Why a goal was refused, by ``enum sj_result``.
 REASONS = {
@@ -37,7 +43,12 @@ REASONS = {
     lib.SJ_RESULT_RANGE: "the goal is beyond what the drive can count",
     lib.SJ_RESULT_LIMITS: "its limits are not numbers within those of the axis",
     lib.SJ_RESULT_STOPPED: "a stop came with it, or the kernel is ending",
+    lib.SJ_RESULT_STATE: "the axis is stopping, homing, or has an error",
+    lib.SJ_RESULT_LIMIT: "it would leave the position limits of the axis",
+    lib.SJ_RESULT_SPEED: "faster than the drive follows",
 }
+_EVENTS = 1024
+_RESULTS = 4096
 
 
 @cache
@@ -46,6 +57,8 @@ def layout(axes: int) -> Layout:
     return Layout(
         command_bytes=lib.sj_command_bytes(axes),
         feedback_bytes=lib.sj_feedback_bytes(axes),
+        event_bytes=ffi.sizeof("sj_kernel_event"),
+        event_capacity=_EVENTS,
         abi=_abi(),
     )
 
@@ -61,145 +74,18 @@ def _abi() -> int:
             return str(ctype.cname)
         return "".join(f"{n}:{f.offset}:{describe(f.type)};" for n, f in ctype.fields)
 
-    text = describe(ffi.typeof("sj_command")) + describe(ffi.typeof("sj_feedback"))
+    payloads = ("sj_command", "sj_feedback", "sj_kernel_event")
+    text = "".join(describe(ffi.typeof(name)) for name in payloads)
     return int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "little")
 
 
-# ---- feedback ------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class AxisFeedback:
-    """One axis in one cycle; positions in axis units, time in seconds.
-
-    ``position`` to ``jerk`` are the commanded sample, ``peak_*`` the largest magnitudes of it since
-    the last goal came, ``actual_*`` the encoder's. ``settled``: the goal has been reached.
-    ``following_error`` is the drive's own (60F4h,
-    increments).
-    """
-
-    position: float
-    velocity: float
-    acceleration: float
-    jerk: float
-    actual_position: float
-    actual_velocity: float
-    peak_velocity: float
-    peak_acceleration: float
-    peak_jerk: float
-    goal: float
-    goal_id: int
-    target_counts: int
-    actual_counts: int
-    following_error: int
-    statusword: int
-    error_code: int
-    moving: bool
-    settled: bool
-    follows: bool
-    enabled: bool
-    fault: bool
-
-    @property
-    def drive_state(self) -> DriveState:
-        """The drive's state by its statusword."""
-        return DriveState.of(self.statusword)
-
-
-@dataclass(frozen=True)
-class Distribution:
-    """A duration over all cycles, seconds. Interpolated in buckets of 6 %; ``worst`` is exact."""
-
-    count: int
-    median: float
-    p99: float
-    p999: float
-    worst: float
-
-    @classmethod
-    def of(cls, histogram: Any) -> Distribution:
-        """Read a ``sj_histogram``."""
-        count, worst = int(histogram.count), histogram.worst_ns * 1e-9
-        cuts: list[float] = []
-        buckets = list(histogram.bucket)
-        for share in (0.5, 0.99, 0.999):
-            below, value = 0, worst
-            for i, n in enumerate(buckets):
-                if n and below + n >= share * count:
-                    octave, step = divmod(i, 16)
-                    inside = (share * count - below) / n  # evenly within the bucket
-                    value = 64e-9 * 2.0**octave * (1.0 + (step + inside) / 16.0)
-                    break
-                below += n
-            cuts.append(min(value, worst))
-        return cls(count, cuts[0], cuts[1], cuts[2], worst)
-
-
-@dataclass(frozen=True)
-class Timing:
-    """The cycle-time report: wake-up latency, period, computing time, and skipped cycles."""
-
-    latency: Distribution
-    period: Distribution
-    computing: Distribution
-    late: int
-
-
-class Feedback:
-    """One frame of the kernel's feedback: all axes in the same cycle."""
-
-    def __init__(self, frame: Any, cycle_time: float) -> None:
-        """Not for callers: ``Host.feedback`` makes it from a private copy of the frame."""
-        self._frame = frame
-        self._cycle_time = cycle_time
-        self.cycle = int(frame.cycle)
-        self.time_ns = int(frame.time_ns)
-        self.axes = tuple(_axis_feedback(frame.axis[i], cycle_time) for i in range(frame.axes))
-
-    def __repr__(self) -> str:
-        return f"Feedback(cycle={self.cycle}, axes={self.axes!r})"
-
-    @property
-    def moving(self) -> bool:
-        """Whether any axis moves."""
-        return any(axis.moving for axis in self.axes)
-
-    @property
-    def timing(self) -> Timing:
-        """The cycle-time report up to this cycle."""
-        frame = self._frame
-        return Timing(
-            Distribution.of(frame.latency),
-            Distribution.of(frame.period),
-            Distribution.of(frame.computing),
-            int(frame.late),
-        )
-
-
-def _axis_feedback(raw: Any, T: float) -> AxisFeedback:
-    return AxisFeedback(
-        position=raw.position,
-        velocity=raw.velocity / T,
-        acceleration=raw.acceleration / T**2,
-        jerk=raw.jerk / T**3,
-        actual_position=raw.actual_position,
-        actual_velocity=raw.actual_velocity / T,
-        peak_velocity=raw.peak_velocity / T,
-        peak_acceleration=raw.peak_acceleration / T**2,
-        peak_jerk=raw.peak_jerk / T**3,
-        goal=raw.goal,
-        goal_id=raw.goal_id,
-        target_counts=raw.target_counts,
-        actual_counts=raw.actual_counts,
-        following_error=raw.following_error,
-        statusword=raw.statusword,
-        error_code=raw.error_code,
-        moving=bool(raw.moving),
-        settled=bool(raw.settled),
-        follows=bool(raw.follows),
-        enabled=bool(raw.enabled),
-        fault=bool(raw.fault),
-    )
+def axes_of(segment: Segment) -> int:
+    """How many axes the kernel of a segment has; raises SegmentLayoutError for another version."""
+    whole, one = lib.sj_command_bytes(1), lib.sj_command_bytes(2) - lib.sj_command_bytes(1)
+    axes = (segment.layout.command_bytes - whole) // one + 1
+    if not 1 <= axes <= lib.SJ_AXES or segment.layout != layout(axes):
+        raise SegmentLayoutError(f"{segment.name!r} is of another version", name=segment.name)
+    return int(axes)
 
 
 # ---- commands ------------------------------------------------------------------------------------
@@ -212,26 +98,30 @@ class MoveState(Enum):
     MOVING = "moving"
     DONE = "done"
     STOPPED = "stopped"
+    SUPERSEDED = "superseded"
     REFUSED = "refused"
 
 
-def _reached(axis: Any, goal: State) -> bool:
+def _reached(axis: Any, goal: State, known: bool) -> bool:
     """On the goal; or past it, still with the velocity that was asked for."""
-    return bool(axis.settled or (not axis.moving and axis.position == goal.position))
+    return bool(axis.settled or (known and not axis.moving and axis.position == goal.position))
 
 
 class Move:
-    """Handle of one commanded move."""
+    """Handle of one commanded motion; ``await move`` does what ``wait`` does."""
 
-    def __init__(self, host: Host, goal_id: int, targets: dict[int, State]) -> None:
-        """Not for callers: ``Host.move`` makes it."""
+    def __init__(
+        self, host: Host, goal_id: int, targets: dict[int, State], *, known: bool = True
+    ) -> None:
+        """Not for callers: ``Host.move`` makes it. ``known``: the targets are positions."""
         self._host = host
         self._goal_id = goal_id
         self._targets = targets
+        self._known = known
 
     @property
     def targets(self) -> dict[int, State]:
-        """Goal by axis number."""
+        """Goal by axis number; of a relative move the distance, of a jog the velocity."""
         return dict(self._targets)
 
     @property
@@ -239,15 +129,27 @@ class Move:
         """What has become of it, by the newest feedback."""
         return self._state(self._host._frame())
 
+    @property
+    def position(self) -> dict[int, float]:
+        """Commanded position by axis number, axis units."""
+        frame = self._host._frame()
+        return {i: float(frame.axis[i].position) for i in self._targets}
+
     def _state(self, frame: Any) -> MoveState:
         if frame.result_goal_id < self._goal_id:
             return MoveState.SENT
-        if frame.result_goal_id == self._goal_id and frame.result != lib.SJ_RESULT_ACCEPTED:
+        result = self._host._result(self._goal_id, frame)
+        if result is None:
+            return MoveState.SUPERSEDED  # overwritten before the kernel saw it
+        if result[0] != lib.SJ_RESULT_ACCEPTED:
             return MoveState.REFUSED
         axes = [frame.axis[i] for i in self._targets]
-        if any(axis.goal_id != self._goal_id for axis in axes):
-            return MoveState.STOPPED
-        if all(map(_reached, axes, self._targets.values())):
+        if any(axis.goal_id > self._goal_id for axis in axes):
+            return MoveState.SUPERSEDED
+        if all(
+            _reached(a, goal, self._known)
+            for a, goal in zip(axes, self._targets.values(), strict=True)
+        ):
             return MoveState.DONE
         return MoveState.MOVING if any(a.moving for a in axes) else MoveState.STOPPED
 
@@ -256,98 +158,95 @@ class Move:
         """Whether the command has settled on the goal."""
         return self.state is MoveState.DONE
 
+    def accepted(self, timeout: float | None = 5.0) -> None:
+        """Return when the kernel has taken it; raises as ``wait`` does."""
+        self._host._wait_until(
+            lambda frame: self._state(frame) is not MoveState.SENT, timeout, "an answer"
+        )
+        self._raise()
+
+    def cancel(self) -> None:
+        """Halt the axes of this move, together; nothing if it is over or replaced."""
+        if self.state in (MoveState.SENT, MoveState.MOVING):
+            self._host._count("halts", self._targets)
+
     def wait(self, timeout: float | None = None) -> None:
         """Return when the command has settled on the goal.
 
-        Raises RefusedError (with the reason), MotionStoppedError (stopped or replaced on the way),
-        KernelGoneError, TimeoutError.
+        Raises RefusedError (with the reason), SupersededError (a newer goal), MotionStoppedError
+        (stopped on the way), KernelGoneError, TimeoutError.
         """
-        settled = (MoveState.DONE, MoveState.STOPPED, MoveState.REFUSED)
+        ended = (MoveState.SENT, MoveState.MOVING)
         self._host._wait_until(
-            lambda frame: self._state(frame) in settled, timeout, f"move to {self._targets}"
+            lambda frame: self._state(frame) not in ended, timeout, f"move to {self._targets}"
         )
+        self._raise()
+
+    def __await__(self) -> Generator[Any, None, None]:
+        return self._settle().__await__()
+
+    async def _settle(self) -> None:
+        while self.state in (MoveState.SENT, MoveState.MOVING):
+            self._host._alive("a move")
+            await asyncio.sleep(1e-3)
+        self._raise()
+
+    def _raise(self) -> None:
         frame = self._host._frame()
         state = self._state(frame)
         if state is MoveState.REFUSED:
-            raise RefusedError(frame.result, REASONS[frame.result], frame.result_axis)
+            code, axis = self._host._result(self._goal_id, frame) or (0, -1)
+            raise RefusedError(code, REASONS[code], axis)
+        if state is MoveState.SUPERSEDED:
+            raise SupersededError(self.position)
         if state is MoveState.STOPPED:
             axes = {i: frame.axis[i] for i in self._targets}
             raise MotionStoppedError(
-                {i: float(axis.position) for i, axis in axes.items()},
-                {i: int(axis.error_code) for i, axis in axes.items() if axis.fault},
+                self.position, {i: int(axis.error_code) for i, axis in axes.items() if axis.fault}
             )
 
 
-class Host:
-    """The one host of a kernel: context manager, made by ``MotionKernel.host``.
+class _Reader:
+    """What a monitor and a host have in common: they read."""
 
-    Leaving it is in order and stops nothing; a host that dies stops the motion.
-    """
-
-    def __init__(
-        self,
-        segment: Segment,
-        limits: Sequence[Limits],
-        cycle_time: float,
-        *,
-        cyclic: bool,
-    ) -> None:
-        """Not for callers. ``cyclic``: a process runs the cycle, so that waiting makes sense."""
+    def __init__(self, segment: Segment, *, cyclic: bool = True) -> None:
+        """Not for callers: ``Monitor.attach``, or ``MotionKernel.host`` for a host."""
         self._segment = segment
-        self._limits = tuple(limits)
-        self._T = cycle_time
+        self._axes = axes_of(segment)
         self._cyclic = cyclic
         self._closed = False
-        self._command = ffi.new("sj_command *")
         self._buffer = ffi.new("sj_feedback *")
         self._sequence = ffi.new("uint64_t *")
-        self._lock = threading.Lock()  # cffi lets other threads run: two would write as one
-        if cyclic:
-            self._wait_until(lambda frame: True, 5.0, "the first cycle")
-        frame = self._read()
-        if frame is not None:
-            if abs(frame.cycle_time_s - cycle_time) > 1e-9 * cycle_time:
-                self.close()
-                wanted = f"the kernel's is {frame.cycle_time_s!r}"
-                raise InputError("cycle_time", cycle_time, wanted)
-            # go on from what the kernel has taken, whoever was host before
-            self._command.sequence = frame.sequence
-            self._command.goal_id = frame.result_goal_id
-            self._command.stop_count = frame.stop_count
-            self._command.reset_count = frame.reset_count
-            self._command.enable = int(any(frame.axis[i].enabled for i in range(frame.axes)))
+        self._event = ffi.new("sj_kernel_event *")
+        self._missed = ffi.new("uint64_t *")
+        self._shown = ffi.new("uint64_t *", lib.sj_event_latest(segment.base))
 
-    @classmethod
-    def attach(cls, name: str, limits: Sequence[Limits], cycle_time: float) -> Host:
-        """Become the host of the running kernel ``name`` from another process.
-
-        ``limits`` of its axes and its ``cycle_time`` as the kernel has them. Raises HandshakeError:
-        no such kernel, another number of axes, or a living host.
-        """
-        if isinstance(limits, Limits) or not all(isinstance(limit, Limits) for limit in limits):
-            raise InputError("limits", limits, "must be a list of one Limits per axis")
-        segment = Segment.attach(name, layout(len(limits)), role="host")
-        return cls(segment, limits, cycle_time, cyclic=True)
-
-    def __enter__(self) -> Host:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
         self.close()
 
     def close(self) -> None:
-        """Leave the kernel to itself; a motion goes on to its end."""
+        """Let go of the kernel; it does not notice."""
         self._closed = True
         if self._cyclic and not self._segment.closed:
-            lib.sj_shm_leave_host(self._segment.base)
             self._segment.close()
 
     @property
+    def name(self) -> str:
+        """Name of the kernel."""
+        return self._segment.name
+
+    @property
     def closed(self) -> bool:
-        """Whether this host has left its kernel."""
+        """Whether this host or monitor has left its kernel."""
         return self._closed
 
-    # ---- reading
+    @property
+    def kernel_lives(self) -> bool:
+        """Whether the process of the kernel is there."""
+        return not self._cyclic or self._segment.kernel_lives()
 
     def _read(self) -> Any | None:
         """The newest frame in the own buffer, or None before the first cycle."""
@@ -371,14 +270,30 @@ class Host:
         Raises KernelGoneError where the kernel has ended: its last frame is no feedback.
         """
         self._check_kernel("reading feedback")
-        size = lib.sj_feedback_bytes(len(self._limits))
+        size = lib.sj_feedback_bytes(self._axes)
         copy = ffi.new("sj_feedback *")
         ffi.memmove(copy, self._frame(), size)
-        return Feedback(copy, self._T)
+        return Feedback(copy, copy.cycle_time_s)
+
+    def events(self) -> tuple[list[Event], int]:
+        """Events since the last call, oldest first, and how many were overwritten unread."""
+        found, event = [], self._event
+        self._missed[0] = 0
+        while self._next_event(self._shown):
+            found.append(Event.of(event))
+        return found, int(self._missed[0])
+
+    def _next_event(self, cursor: Any) -> bool:
+        base = self._segment.base
+        return bool(lib.sj_event_read(base, cursor, self._event, self._missed) == 1)
 
     def _check_kernel(self, doing: str) -> None:
         if self._cyclic and not self._closed and not self._segment.kernel_lives():
             raise KernelGoneError(f"the kernel has ended: {doing} makes no sense")
+
+    def _alive(self, what: str) -> None:
+        if self._cyclic and not self._segment.kernel_lives():
+            raise KernelGoneError(f"the kernel ended while waiting for {what}")
 
     def _wait_until(self, met: Callable[[Any], bool], timeout: float | None, what: str) -> None:
         if not self._cyclic:
@@ -390,11 +305,110 @@ class Host:
             if frame is not None and met(frame):
                 return
             look += 1
-            if look % 50 == 0 and not self._segment.kernel_lives():
-                raise KernelGoneError(f"the kernel ended while waiting for {what}")
+            if look % 50 == 0:
+                self._alive(what)
             if end is not None and time.monotonic() > end:
                 raise TimeoutError(f"{what}: not within {timeout} s")
             time.sleep(200e-6)
+
+
+class Monitor(_Reader):
+    """Whoever reads a running kernel: no lock, no command, as many as there are."""
+
+    @classmethod
+    def attach(cls, name: str) -> Self:
+        """Read the running kernel ``name``.
+
+        Raises HandshakeError: no such kernel, another version.
+        """
+        monitor = cls(Segment.attach(name, role="monitor"))
+        monitor._wait_until(lambda frame: True, 5.0, "the first cycle")
+        return monitor
+
+
+class Host(_Reader):
+    """The one host of a kernel: context manager, made by ``MotionKernel.host``.
+
+    Leaving it is in order and stops nothing; a host that dies stops the motion.
+    """
+
+    def __init__(self, segment: Segment, *, cyclic: bool) -> None:
+        """Not for callers. ``cyclic``: a process runs the cycle, so that waiting makes sense."""
+        super().__init__(segment, cyclic=cyclic)
+        self._command = ffi.new("sj_command *")
+        self._command.override = 1.0
+        self._cursor = ffi.new("uint64_t *", lib.sj_event_latest(segment.base))
+        self._results: dict[int, tuple[int, int]] = {}
+        self._lock = threading.Lock()  # cffi lets other threads run: two would write as one
+        self._T = 0.0
+        if cyclic:
+            self._wait_until(lambda frame: True, 5.0, "the first cycle")
+            self._go_on(self._frame())
+
+    def _go_on(self, frame: Any) -> None:
+        """From what the kernel has taken, whoever was host before."""
+        command = self._command
+        self._T = frame.cycle_time_s
+        command.sequence, command.goal_id = frame.sequence, frame.result_goal_id
+        command.override, command.hold = frame.override, frame.hold
+        for i in range(self._axes):
+            for name in ("enable", "halts", "quick_stops", "resets", "limit_sets"):
+                setattr(command.axis[i], name, getattr(frame.axis[i], name))
+        self._limits = [limits_of(frame.axis[i], self._T) for i in range(self._axes)]
+        self._wraps = [float(frame.axis[i].wrap) for i in range(self._axes)]
+
+    @classmethod
+    def attach(
+        cls,
+        name: str,
+        limits: Sequence[Limits] | None = None,
+        cycle_time: float | None = None,
+        *,
+        wait: float = 0.0,
+    ) -> Self:
+        """Become the host of the running kernel ``name`` from another process.
+
+        ``limits`` (one per axis) and ``cycle_time`` (s): what the caller takes for granted; the
+        kernel tells both itself. ``wait``: seconds to wait for a host that is about to leave.
+        Raises HandshakeError: no such kernel, another number of axes, another version, or a living
+        host; InputError: another cycle time.
+        """
+        expected = None
+        if limits is not None:
+            if isinstance(limits, Limits) or not all(isinstance(one, Limits) for one in limits):
+                raise InputError("limits", limits, "must be a list of one Limits per axis")
+            expected = layout(len(limits))
+        end = time.monotonic() + wait
+        while True:
+            try:
+                host = cls(Segment.attach(name, expected, role="host"), cyclic=True)
+                break
+            except HostTakenError:
+                if time.monotonic() > end:
+                    raise
+                time.sleep(1e-3)
+        if cycle_time is not None and abs(host._T - cycle_time) > 1e-9 * host._T:
+            host.close()
+            raise InputError("cycle_time", cycle_time, f"the kernel's is {host._T!r}")
+        return host
+
+    def close(self) -> None:
+        """Leave the kernel to itself; a motion goes on to its end."""
+        self._closed = True
+        if self._cyclic and not self._segment.closed:
+            lib.sj_shm_leave_host(self._segment.base)
+            self._segment.close()
+
+    def _result(self, goal_id: int, frame: Any) -> tuple[int, int] | None:
+        """Result and axis of a goal that the kernel has passed; None: it never saw it."""
+        if frame.result_goal_id == goal_id:
+            return frame.result, frame.result_axis
+        with self._lock:
+            while self._next_event(self._cursor):
+                if self._event.kind == EventKind.GOAL:
+                    self._results[self._event.goal_id] = (self._event.code, self._event.axis)
+                    self._results.pop(self._event.goal_id - _RESULTS, None)
+        return self._results.get(goal_id)
 
     # ---- commanding
 
@@ -405,49 +419,141 @@ class Host:
         self._command.sequence += 1
         self._segment.check(lib.sj_command_publish(self._segment.base, self._command))
 
-    def enable(self, timeout: float | None = 5.0) -> None:
-        """Enable all drives; returns when every one follows (at once in a caller's own loop)."""
+    def _chosen(self, axes: Axes) -> list[int]:
+        if axes is None:
+            return list(range(self._axes))
+        chosen = [axes] if isinstance(axes, int) else list(axes)
+        for i in chosen:
+            if not isinstance(i, int) or isinstance(i, bool) or not 0 <= i < self._axes:
+                raise InputError("axes", i, f"axis numbers are 0 .. {self._axes - 1}")
+        return chosen
+
+    def _count(self, edge: str, axes: Iterable[int]) -> int:
+        """One more edge for each of these axes; the number of the command."""
         with self._lock:
-            self._command.enable = 1
+            for i in axes:
+                entry = self._command.axis[i]
+                setattr(entry, edge, (getattr(entry, edge) + 1) % 2**32)
             self._publish()
+            return int(self._command.sequence)
+
+    def _taken(self, sequence: int, timeout: float | None, what: str) -> None:
         if self._cyclic:
-            n = range(len(self._limits))
+            self._wait_until(lambda frame: frame.sequence >= sequence, timeout, what)
+
+    def enable(self, timeout: float | None = 5.0, *, axes: Axes = None) -> None:
+        """Enable drives; returns when every one follows (at once in a caller's own loop)."""
+        chosen = self._enable(axes, 1)
+        if self._cyclic:
             self._wait_until(
-                lambda frame: all(frame.axis[i].follows for i in n), timeout, "drives to follow"
+                lambda frame: all(frame.axis[i].follows for i in chosen),
+                timeout,
+                "drives to follow",
             )
 
-    def disable(self, timeout: float | None = 5.0) -> None:
-        """Disable all drives, each once it is at rest."""
-        with self._lock:
-            self._command.enable = 0
-            self._publish()
+    def disable(self, timeout: float | None = 5.0, *, axes: Axes = None) -> None:
+        """Disable drives, each once it is at rest."""
+        chosen = self._enable(axes, 0)
         if self._cyclic:
-            n = range(len(self._limits))
             self._wait_until(
-                lambda frame: not any(frame.axis[i].enabled for i in n), timeout, "drives to rest"
+                lambda frame: not any(frame.axis[i].enabled for i in chosen),
+                timeout,
+                "drives to rest",
             )
 
-    def reset(self) -> None:
-        """Reset the faults of all drives, once."""
+    def _enable(self, axes: Axes, level: int) -> list[int]:
+        chosen = self._chosen(axes)
         with self._lock:
-            self._command.reset_count += 1
+            for i in chosen:
+                self._command.axis[i].enable = level
             self._publish()
+        return chosen
+
+    def reset(self, *, axes: Axes = None, timeout: float | None = 5.0) -> None:
+        """Reset the faults of drives, and the kernel's own errors, once."""
+        self._taken(self._count("resets", self._chosen(axes)), timeout, "the reset")
+
+    def halt(self, timeout: float | None = 30.0, *, axes: Axes = None) -> None:
+        """Bring axes to rest within the limits of their moves; returns at rest.
+
+        All axes of a move slow down together. A new goal may replace a halt. In a caller's own loop
+        it returns at once.
+        """
+        self._stopped("halts", axes, timeout)
 
     def stop(self, timeout: float | None = 30.0) -> None:
-        """Stop all axes along jerk-limited ramps; returns at rest (at once in an own loop)."""
-        with self._lock:
-            self._command.stop_count += 1
-            count = int(self._command.stop_count)
-            self._publish()
+        """Halt all axes."""
+        self.halt(timeout)
+
+    def quick_stop(self, timeout: float | None = 30.0, *, axes: Axes = None) -> None:
+        """Bring each axis to rest as soon as its own stop limits allow.
+
+        Goals are refused until then.
+        """
+        self._stopped("quick_stops", axes, timeout)
+
+    def _stopped(self, edge: str, axes: Axes, timeout: float | None) -> None:
+        chosen = self._chosen(axes)
+        sequence = self._count(edge, chosen)
         if self._cyclic:
-            n = range(len(self._limits))
             self._wait_until(
                 lambda frame: (
-                    frame.stop_count >= count and not any(frame.axis[i].moving for i in n)
+                    frame.sequence >= sequence and not any(frame.axis[i].moving for i in chosen)
                 ),
                 timeout,
                 "the stop",
             )
+
+    def override(self, factor: float, timeout: float | None = 5.0) -> None:
+        """Scale the velocities of all motions, 0 .. 2; in motion too, within the axes' limits.
+
+        Goals are planned anew from the commanded state, so acceleration and jerk keep their limits;
+        no motion becomes faster than the axis or its goal allows. 0 waits as ``hold`` does.
+        """
+        if not 0.0 <= real("factor", factor) <= 2.0:
+            raise InputError("factor", factor, "must lie in 0 .. 2")
+        self._level("override", factor, timeout)
+
+    def hold(self, timeout: float | None = 5.0) -> None:
+        """Come to rest on the way to the goals and keep them; ``resume`` goes on.
+
+        One axis, and axes in phase (``synchronization="phase"``), stay on their path.
+        """
+        self._level("hold", 1, timeout)
+
+    def resume(self, timeout: float | None = 5.0) -> None:
+        """Go on to the goals after ``hold``."""
+        self._level("hold", 0, timeout)
+
+    def _level(self, name: str, value: float, timeout: float | None) -> None:
+        with self._lock:
+            setattr(self._command, name, value)
+            self._publish()
+            sequence = int(self._command.sequence)
+        self._taken(sequence, timeout, name)
+
+    def set_limits(self, limits: Limits, *, axes: Axes = None, timeout: float | None = 5.0) -> None:
+        """Give axes other limits from their next goal, jog or halt on; a motion keeps its own.
+
+        Position limits stay those of the kernel. Raises RefusedError where the drive is slower.
+        """
+        chosen = self._chosen(axes)
+        with self._lock:
+            for i in chosen:
+                entry = self._command.axis[i]
+                rows = limits._per_cycle(self._T)
+                ffi.memmove(ffi.addressof(entry, "limits"), rows, len(rows))
+                entry.limit_sets = (entry.limit_sets + 1) % 2**32
+            self._publish()
+            sequence = int(self._command.sequence)
+        self._taken(sequence, timeout, "the limits")
+        frame = self._frame() if self._cyclic else None
+        for i in chosen:
+            asked = self._command.axis[i].limits.velocity
+            if frame is not None and frame.axis[i].limits.velocity != asked:
+                code = lib.SJ_RESULT_SPEED
+                raise RefusedError(code, REASONS[code], i)
+            self._limits[i] = replace(limits, position=self._limits[i].position)
 
     def move(
         self,
@@ -456,32 +562,87 @@ class Host:
         limits: Limits | None = None,
         synchronization: Synchronization = "time",
         min_duration: float = 0.0,
+        relative: bool = False,
+        direction: Direction = "direct",
     ) -> Move:
         """Move to a target: of the one axis, of all axes, or by axis number.
 
-        A target is a position, or a ``State`` with a velocity to arrive with. The kernel plans in
-        its next cycle from the commanded state, also during a motion, which the new goal replaces;
-        the same goal under the same limits changes nothing. ``limits``: lower ones than the axes'
-        own for this move; the axes' position ranges stay in force.
-        Returns at once; the handle tells the rest. Raises InputError for what is no target; a
-        refusal by the kernel is raised by ``Move.wait``.
+        A target is a position, or a ``State`` with a velocity to arrive with; ``relative``: a
+        distance from the commanded position. The kernel plans in its next cycle from the commanded
+        state, also during a motion, which the new goal replaces; the same goal under the same
+        limits changes nothing. ``limits``: lower ones than the axes' own
+        for this move; position limits stay in force.
+        ``direction``: of axes that wrap, which way to a position within the turn. Returns at once;
+        the handle tells the rest. Raises InputError for what is no target; a refusal by the kernel
+        is raised by ``Move.wait``.
         """
         targets = self._targets(target)
         code, least = code_of(synchronization), cycles_of(min_duration, self._T)
-        if limits is not None and not isinstance(limits, Limits):
-            raise InputError("limits", limits, "must be a Limits")
-        own = {i: limits or self._limits[i] for i in targets}
+        own = self._lower(limits, targets)
+        if direction != "direct":
+            targets = self._turned(targets, direction)
         for i, goal in targets.items():
-            check_target(f"target[{i}]", goal, self._limits[i])
-            check_target(f"target[{i}]", goal, own[i])
-            if limits is not None:
-                _check_within(i, limits, self._limits[i])
+            for within in (self._limits[i], own[i]):
+                free = replace(within, position=None) if relative else within
+                check_target(f"target[{i}]", goal, free)
+        kind = lib.SJ_GOAL_RELATIVE if relative else lib.SJ_GOAL_ABSOLUTE
+        return self._goal(kind, targets, own, code, least)
+
+    def jog(
+        self,
+        velocity: float | dict[int, float],
+        *,
+        limits: Limits | None = None,
+    ) -> Move:
+        """Move with a velocity (axis unit / s) until told otherwise.
+
+        At a position limit it comes to rest; then the velocity is what whole cycles leave of it.
+
+        One velocity for the one axis, or by axis number; 0 brings to rest. The handle is never
+        ``done``: ``cancel`` it, or give another goal. Raises InputError.
+        """
+        wanted = velocity if isinstance(velocity, dict) else {0: velocity}
+        if not isinstance(velocity, dict) and self._axes != 1:
+            raise InputError("velocity", velocity, f"must be by axis number: {self._axes} axes")
+        self._chosen(wanted)
+        own = self._lower(limits, wanted)
+        targets = {i: State(0.0, real(f"velocity[{i}]", v)) for i, v in wanted.items()}
+        for i, goal in targets.items():
+            check_target(f"velocity[{i}]", goal, replace(own[i], position=None))
+        return self._goal(lib.SJ_GOAL_JOG, targets, own, lib.SJ_SYNC_NONE, 0)
+
+    def home(self, *, axes: Axes = None) -> Move:
+        """Let drives home by their own method (6098h); the frame shifts without a step.
+
+        The handle is done when the drive has attained its home and follows again.
+        """
+        chosen = self._chosen(axes)
+        targets = {i: State(0.0) for i in chosen}
+        own = {i: self._limits[i] for i in chosen}
+        return self._goal(lib.SJ_GOAL_HOME, targets, own, lib.SJ_SYNC_NONE, 0)
+
+    def _lower(self, limits: Limits | None, axes: Iterable[int]) -> dict[int, Limits]:
+        """The limits of a goal by axis: the axes' own, or lower ones."""
+        if limits is None:
+            return {i: self._limits[i] for i in axes}
+        if not isinstance(limits, Limits):
+            raise InputError("limits", limits, "must be a Limits")
+        for i in axes:
+            for name in ("velocity", "acceleration", "jerk", "deceleration", "deceleration_jerk"):
+                value, most = getattr(limits, name), getattr(self._limits[i], name)
+                if value > most * (1 + 1e-12):
+                    raise InputError(f"limits.{name}", value, f"axis {i} has {most!r}")
+        return dict.fromkeys(axes, limits)
+
+    def _goal(
+        self, kind: int, targets: dict[int, State], own: dict[int, Limits], code: int, least: int
+    ) -> Move:
         with self._lock:
             command = self._command
             command.synchronization, command.least_cycles = code, least
-            for i in range(len(self._limits)):
-                entry = command.axis[i]
-                entry.moves = i in targets
+            for i in range(self._axes):
+                entry = command.axis[i].goal
+                entry.kind = kind if i in targets else lib.SJ_GOAL_NONE
                 if i in targets:
                     entry.goal = targets[i].position
                     entry.goal_velocity = targets[i].velocity * self._T
@@ -489,10 +650,28 @@ class Host:
                     ffi.memmove(ffi.addressof(entry, "limits"), rows, len(rows))
             command.goal_id += 1
             self._publish()
-            return Move(self, int(command.goal_id), targets)
+            known = kind == lib.SJ_GOAL_ABSOLUTE
+            return Move(self, int(command.goal_id), targets, known=known)
+
+    def _turned(self, targets: dict[int, State], direction: str) -> dict[int, State]:
+        """Goals of axes that wrap, by the way that is asked for."""
+        if direction not in ("shortest", "positive", "negative"):
+            raise InputError(
+                "direction", direction, "must be direct, shortest, positive or negative"
+            )
+        frame, found = self._frame(), {}
+        for i, goal in targets.items():
+            wrap, at = self._wraps[i], float(frame.axis[i].position)
+            if not wrap:
+                raise InputError("direction", direction, f"axis {i} does not wrap")
+            way = (goal.position - at) % wrap
+            if direction == "negative" or (direction == "shortest" and way > wrap / 2):
+                way -= wrap if way else 0.0
+            found[i] = replace(goal, position=at + way)
+        return found
 
     def _targets(self, target: Target | Sequence[Target] | dict[int, Target]) -> dict[int, State]:
-        axes = len(self._limits)
+        axes = self._axes
         if isinstance(target, dict):
             wanted: dict[int, Any] = dict(target)
         elif isinstance(target, Sequence) and not isinstance(target, str):
@@ -512,10 +691,3 @@ class Host:
             i: value if isinstance(value, State) else State(real(f"target[{i}]", value))
             for i, value in wanted.items()
         }
-
-
-def _check_within(axis: int, asked: Limits, own: Limits) -> None:
-    for name in ("velocity", "acceleration", "jerk", "deceleration", "deceleration_jerk"):
-        value, most = getattr(asked, name), getattr(own, name)
-        if value > most:
-            raise InputError(f"limits.{name}", value, f"axis {axis} has {most!r}")

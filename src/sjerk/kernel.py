@@ -7,6 +7,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 import os
 import pickle
 import signal
@@ -14,11 +15,15 @@ import subprocess
 import sys
 import threading
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import KW_ONLY, asdict, dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
 
 from sjerk._binding import ffi, lib
 from sjerk.cia402 import DriveConfig
+from sjerk.clock import Clock
 from sjerk.errors import InputError, KernelGoneError, SjerkError, positive
 from sjerk.handshake import HostWatch, Segment
 from sjerk.host import Host, layout
@@ -32,25 +37,134 @@ class Axis:
     """One axis: its limits, its unit in drive increments, its drive.
 
     ``counts_per_unit``: drive increments per axis unit, e.g. 2**24 / 360 for degrees at a 24-bit
-    encoder without gear.
+    encoder; ``gear``: motor turns per turn of the axis. ``limits.position``: the position
+    limits. ``stop_limits``: of the quick stop, else ``limits``. ``wrap``: axis units of one turn of
+    an axis that turns for ever. ``following_error`` (axis unit): beyond it the kernel reacts.
+    ``drive``: the simulated one, or ``"external"``: the caller exchanges ``MotionKernel.image``
+    around ``step``.
+
+    >>> Axis(Limits(90.0, 500.0, 5000.0), 2**24 / 360, unit="deg", gear=100.0).unit
+    'deg'
     """
 
     limits: Limits
     counts_per_unit: float
-    drive: DriveConfig = field(default_factory=DriveConfig)
+    drive: DriveConfig | Literal["external"] = field(default_factory=DriveConfig)
+    _: KW_ONLY
+    unit: str = ""
+    gear: float = 1.0
+    wrap: float | None = None
+    stop_limits: Limits | None = None
+    following_error: float | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.limits, Limits):
             raise InputError("limits", self.limits, "must be a Limits")
-        if not isinstance(self.drive, DriveConfig):
-            raise InputError("drive", self.drive, "must be a DriveConfig")
-        object.__setattr__(
-            self, "counts_per_unit", positive("counts_per_unit", self.counts_per_unit)
-        )
+        if self.stop_limits is not None and not isinstance(self.stop_limits, Limits):
+            raise InputError("stop_limits", self.stop_limits, "must be a Limits")
+        if not isinstance(self.drive, DriveConfig) and self.drive != "external":
+            raise InputError("drive", self.drive, "must be a DriveConfig or 'external'")
+        if not isinstance(self.unit, str) or len(self.unit.encode()) > 15:
+            raise InputError("unit", self.unit, "must be a text of at most 15 bytes")
+        for name in ("counts_per_unit", "gear"):
+            object.__setattr__(self, name, positive(name, getattr(self, name)))
+        for name in ("wrap", "following_error"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, positive(name, getattr(self, name)))
+        if self.wrap is not None and self.limits.position is not None:
+            raise InputError(
+                "wrap", self.wrap, "an axis that turns for ever has no position limits"
+            )
+
+    def _to_c(self, T: float) -> Any:
+        """The ``sj_axis_config *`` at this cycle time."""
+        config = ffi.new("sj_axis_config *")
+        for name, limits in (("limits", self.limits), ("stop_limits", self.stop_limits)):
+            rows = (limits or self.limits)._per_cycle(T)
+            ffi.memmove(ffi.addressof(config, name), rows, len(rows))
+        low, high = self.limits.position or (-math.inf, math.inf)
+        config.position_min, config.position_max = low, high
+        config.counts_per_unit = self.counts_per_unit * self.gear
+        config.following_limit = self.following_error or math.inf
+        config.velocity_max = math.inf
+        config.wrap = self.wrap or 0.0
+        config.external = self.drive == "external"
+        config.unit = self.unit.encode()
+        return config
+
+
+Reaction = Literal["none", "halt", "quick stop"]
+_REACTIONS = {
+    "none": lib.SJ_REACT_NONE,
+    "halt": lib.SJ_REACT_HALT,
+    "quick stop": lib.SJ_REACT_QUICK_STOP,
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reactions:
+    """What a kernel does by itself, for all axes; each is also an event.
+
+    ``host_silence`` is that of a host which asked to be watched. After a ``drive_fault`` the axis
+    is left to its drive and the others react. ``overrun``: a cycle of the clock was skipped.
+    ``spoilt``: a wild writer in the command. Raises InputError.
+
+    >>> Reactions(drive_fault="quick stop").host_death
+    'halt'
+    """
+
+    host_death: Reaction = "halt"
+    host_silence: Reaction = "halt"
+    drive_fault: Reaction = "halt"
+    following_error: Reaction = "quick stop"
+    overrun: Reaction = "none"
+    spoilt: Reaction = "halt"
+
+    def __post_init__(self) -> None:
+        for name, value in asdict(self).items():
+            if value not in _REACTIONS:
+                raise InputError(name, value, f"must be one of {', '.join(_REACTIONS)}")
+
+    def _into(self, kernel: Any) -> None:
+        for name, value in asdict(self).items():
+            kernel.reaction[getattr(lib, f"SJ_CAUSE_{name.upper()}")] = _REACTIONS[value]
+
+
+@dataclass(frozen=True)
+class Image:
+    """Process data of the drives, to be exchanged by the caller around ``MotionKernel.step``.
+
+    Structured arrays (axes,) on the kernel's own memory: ``outputs`` what the kernel wants of the
+    drives (``controlword``, ``mode``, ``target_position``, ...), ``inputs`` what they say
+    (``statusword``, ``mode_display``, ``position_actual``, ...), in the words of CiA 402.
+    """
+
+    outputs: NDArray[Any]
+    inputs: NDArray[Any]
+
+
+def _rows(kernel: Any, field: str, axes: int) -> NDArray[Any]:
+    """A structured array on an array of C structs; it keeps the kernel's memory alive."""
+    kind = ffi.typeof(getattr(kernel, field)).item
+    names = [(n, f) for n, f in kind.fields if f.type.kind == "primitive"]
+    dtype = np.dtype(
+        {
+            "names": [n for n, _ in names],
+            "formats": [_format(f.type.cname, ffi.sizeof(f.type)) for _, f in names],
+            "offsets": [f.offset for _, f in names],
+            "itemsize": ffi.sizeof(kind),
+        }
+    )
+    offset = ffi.offsetof("sj_kernel", field)
+    return np.frombuffer(ffi.buffer(kernel), dtype=dtype, count=axes, offset=offset)
+
+
+def _format(name: str, size: int) -> str:
+    return f"{'u' if name.startswith('u') else 'i'}{size}"
 
 
 class MotionKernel:
-    """A kernel of 1 to 64 axes with simulated drives.
+    """A kernel of 1 to 64 axes, with simulated drives or external ones.
 
     >>> axis = Axis(Limits(90.0, 500.0, 5000.0), counts_per_unit=2**24 / 360)
     >>> kernel = MotionKernel(axes=[axis], cycle_time=1e-3)
@@ -66,9 +180,18 @@ class MotionKernel:
     """
 
     def __init__(
-        self, axes: Sequence[Axis], cycle_time: float = 1e-3, *, name: str | None = None
+        self,
+        axes: Sequence[Axis],
+        cycle_time: float = 1e-3,
+        *,
+        name: str | None = None,
+        clock: Clock | None = None,
+        reactions: Reactions | None = None,
     ) -> None:
         """``cycle_time`` in seconds (25 us to 100 ms). ``name``: of the segment, else made up.
+
+        ``clock``: what the process asks of the system, else nothing. ``reactions``: what the kernel
+        does by itself.
 
         Raises InputError for axes that cannot run: each names the axis.
         """
@@ -83,10 +206,15 @@ class MotionKernel:
         if name is not None and (not isinstance(name, str) or not name):
             raise InputError("name", name, "must be a text that is not empty")
         self._name = name or f"kernel-{os.getpid()}-{next(_numbers)}"
+        self.clock = clock or Clock()
+        self._reactions = reactions or Reactions()
         self._process: subprocess.Popen[bytes] | None = None
         self._segment: Segment | None = None
-        self._kernel: Any = _build(self._axes, self._T, ffi.NULL)  # checks everything now
+        self._kernel: Any = _build(
+            self._axes, self._T, self._reactions, ffi.NULL
+        )  # checks everything now
         self._host: Host | None = None
+        self._image: Image | None = None
         self._ended = False
 
     @property
@@ -104,12 +232,19 @@ class MotionKernel:
         """The axes, by number."""
         return self._axes
 
+    @property
+    def alive(self) -> bool:
+        """Whether the kernel's process runs."""
+        return self._process is not None and self._process.poll() is None
+
     # ---- a process of its own
 
     def __enter__(self) -> MotionKernel:
         """Start the process; returns when its cycle runs."""
         if self._segment is not None or self._ended:
             raise SjerkError(f"kernel {self._name!r} is in use or has ended: make a new one")
+        if any(axis.drive == "external" for axis in self._axes):
+            raise SjerkError("external drives are for step(): nobody would exchange their image")
         self._segment = Segment.create(self._name, layout(len(self._axes)), replace_stale=True)
         try:
             self._process = subprocess.Popen(
@@ -120,7 +255,8 @@ class MotionKernel:
             )
             assert self._process.stdin is not None
             assert self._process.stdout is not None
-            pickle.dump((self._name, self._axes, self._T), self._process.stdin)
+            order = (self._name, self._axes, self._T, self.clock, self._reactions)
+            pickle.dump(order, self._process.stdin)
             self._process.stdin.flush()
             if self._process.stdout.readline() != b"running\n":
                 raise KernelGoneError(f"kernel {self._name!r} did not start")
@@ -154,19 +290,39 @@ class MotionKernel:
         """
         if self._ended:
             raise SjerkError(f"kernel {self._name!r} has ended: make a new one")
-        limits = [axis.limits for axis in self._axes]
         if self._process is not None:
-            segment = Segment.attach(self._name, layout(len(self._axes)), role="host")
-            self._host = Host(segment, limits, self._T, cyclic=True)
+            self._host = Host.attach(self._name)
             return self._host
         if self._host is not None and not self._host.closed:
             raise SjerkError(f"kernel {self._name!r} already has a host: close that one first")
         self._private_segment()
         assert self._segment is not None
-        self._host = Host(self._segment, limits, self._T, cyclic=False)
+        self._host = Host(self._segment, cyclic=False)
+        self._host._go_on(self._described())
         return self._host
 
+    def _described(self) -> Any:
+        """A frame that tells what the axes are, before the first cycle too."""
+        frame = ffi.new("sj_feedback *", self._kernel.feedback)
+        for i in range(len(self._axes)):
+            frame.axis[i].limits = self._kernel.axis[i].config.limits
+        for i in range(len(self._axes)):
+            for name in ("enable", "halts", "quick_stops", "resets", "limit_sets"):
+                setattr(frame.axis[i], name, getattr(self._kernel.axis[i], name))
+        frame.override, frame.hold = self._kernel.override, self._kernel.hold
+        return frame
+
     # ---- the caller's own loop
+
+    @property
+    def image(self) -> Image:
+        """The process data of the drives, for a caller's own loop: live views, made once."""
+        if self._process is not None:
+            raise SjerkError("the kernel runs in its process: its drives are there")
+        if self._image is None:
+            n = len(self._axes)
+            self._image = Image(_rows(self._kernel, "rx", n), _rows(self._kernel, "tx", n))
+        return self._image
 
     def step(self, cycles: int = 1) -> None:
         """One cycle in the caller's own loop, or many: collect, interpolate, drive, publish."""
@@ -185,21 +341,27 @@ class MotionKernel:
             self._kernel.segment = self._segment.base
 
 
-def _build(axes: Sequence[Axis], cycle_time: float, base: Any) -> Any:
+def _build(axes: Sequence[Axis], cycle_time: float, reactions: Reactions, base: Any) -> Any:
     """The ``sj_kernel *`` of these axes; raises InputError naming the axis."""
     kernel = ffi.new("sj_kernel *")
-    lib.sj_kernel_init(kernel, base, len(axes))
     T = cycle_time
+    lib.sj_kernel_init(kernel, base, len(axes), T)
+    reactions._into(kernel)
     for i, axis in enumerate(axes):
-        limits = axis.limits
-        per_cycle = ffi.from_buffer("sj_limits[]", limits._per_cycle(T))
-        drive = axis.drive.changed(period_s=T)
-        if lib.sj_kernel_axis(kernel, i, drive.to_c(), per_cycle, axis.counts_per_unit) != 0:
+        config = axis._to_c(T)
+        drive = None if isinstance(axis.drive, str) else axis.drive.changed(period_s=T)
+        raw = ffi.NULL if drive is None else drive.to_c()
+        if lib.sj_kernel_axis(kernel, i, raw, config) != 0:
             raise InputError(f"axes[{i}].drive", drive, "does not fit the cycle time")
-        most = kernel.axis[i].drive.jump_limit / (axis.counts_per_unit * T)
-        if limits.velocity > most:
+        if drive is None:
+            continue
+        most = kernel.axis[i].drive.jump_limit / config.counts_per_unit
+        kernel.axis[i].config.velocity_max = most
+        if config.limits.velocity > most:
             raise InputError(
-                f"axes[{i}].limits.velocity", limits.velocity, f"the drive follows up to {most:.6g}"
+                f"axes[{i}].limits.velocity",
+                axis.limits.velocity,
+                f"the drive follows up to {most / T:.6g}",
             )
     return kernel
 
@@ -219,12 +381,18 @@ def serve() -> None:
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, terminate)
-    name, axes, cycle_time = pickle.load(sys.stdin.buffer)
+    name, axes, cycle_time, clock, reactions = pickle.load(sys.stdin.buffer)
     with Segment.attach(name, layout(len(axes)), role="kernel") as segment:
-        kernel = _build(axes, cycle_time, segment.base)
+        kernel = _build(axes, cycle_time, reactions, segment.base)
         end = ffi.new("int32_t *")
-        period_ns = round(cycle_time * 1e9)
-        cycle = threading.Thread(target=lib.sj_clock_run, args=(kernel, period_ns, end))
+        options = clock.to_c(cycle_time)
+
+        def run() -> None:
+            report = ffi.addressof(kernel.feedback, "clock")
+            lib.sj_clock_prepare(kernel, layout(len(axes)).size, options, report)
+            lib.sj_clock_run(kernel, options, end)
+
+        cycle = threading.Thread(target=run)
         with HostWatch(segment, period_s=0.01):
             cycle.start()
             try:

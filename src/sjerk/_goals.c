@@ -1,0 +1,550 @@
+/* Goals and stops: what is planned when, always from the commanded state, for groups of axes.
+ *
+ * A goal is taken by all its axes or by none. A halt slows all axes of a goal together; a quick stop
+ * brings each to rest as soon as its own stop limits allow. Override and hold plan the goals anew
+ * under other velocities, so all limits hold throughout. Never here: drives, memory, time.
+ */
+#include <math.h>   /* fabs, isfinite, sqrt */
+#include <stddef.h>
+#include <stdint.h>
+#include <string.h> /* memcmp of limits */
+#include "_kernel.h"
+#include "_cycle.h"
+#include "_exact.h" /* double-double sums */
+#include "_lemma.h" /* from samples to the continuous motion and back */
+
+static continuous commanded(const sj_axis *ax)
+{
+    const sj_interpolator *ip = &ax->interpolator;
+    return lemma(ip->q, ip->v, ip->a, ip->j);
+}
+
+static void widen(double way, double *low, double *high)
+{
+    *low = fmin(*low, way);
+    *high = fmax(*high, way);
+}
+
+/* The way of a plan from (v, a), and between which bounds it stays. */
+static double way_of(const sj_plan *plan, double v, double a, double *low, double *high)
+{
+    double way = 0.0;
+    *low = *high = 0.0;
+    for (int32_t i = 0; i < plan->count; i++) {
+        double n = (double)plan->phase[i].cycles, j = plan->phase[i].jerk;
+        double root = a * a - 2.0 * j * v, turn[2];
+        if (root >= 0.0) { /* v + a t + j t^2/2 = 0, both ways of writing its roots */
+            double q = -(a + copysign(sqrt(root), a));
+            turn[0] = j != 0.0 ? q / j : -1.0;
+            turn[1] = q != 0.0 ? 2.0 * v / q : -1.0;
+            for (int k = 0; k < 2; k++)
+                if (turn[k] > 0.0 && turn[k] < n)
+                    widen(way + turn[k] * (v + turn[k] * (a / 2.0 + turn[k] * j / 6.0)), low, high);
+        }
+        way += n * (v + n * (a / 2.0 + n * j / 6.0));
+        v += n * (a + n * j / 2.0);
+        a += n * j;
+        widen(way, low, high);
+    }
+    return way;
+}
+
+/* ---- stops ---- */
+
+static void give_up(sj_axis *ax)
+{
+    ax->goal.kind = SJ_GOAL_NONE; /* the same goal again is a new motion */
+    ax->parked = ax->reached = 0;
+}
+
+static int32_t plan_stop(const sj_axis *ax, const sj_limits *limits, sj_plan *plan)
+{
+    continuous at = commanded(ax);
+    return sj_plan_velocity(at.V.hi, at.A.hi, 0.0, limits, plan);
+}
+
+/* Whether it comes to rest by itself within so many cycles. */
+static int32_t rests_within(const sj_axis *ax, int64_t cycles)
+{
+    return ax->interpolator.goal_velocity == 0.0 && ax->interpolator.ahead <= cycles + 1;
+}
+
+static void load_stop(sj_axis *ax, const sj_plan *plan)
+{
+    if (sj_interpolator_load(&ax->interpolator, plan, 0.0, 0.0, 1) != SJ_LOAD_OK)
+        ax->drive_stop = 1;
+}
+
+static const sj_limits *limits_of(const sj_axis *ax)
+{
+    return ax->goal.kind != SJ_GOAL_NONE ? &ax->goal.limits : &ax->config.limits;
+}
+
+/* The same stop in exactly so many cycles where that works, and not beyond the goal. */
+static void stretch(const sj_axis *ax, int64_t cycles, sj_plan *plan)
+{
+    continuous at = commanded(ax);
+    double low, high, way = way_of(plan, at.V.hi, at.A.hi, &low, &high);
+    sj_plan longer;
+    way *= (double)cycles / (double)(plan->cycles > 0 ? plan->cycles : 1);
+    if (!ax->interpolator.goal_free) {
+        double left = lemma_distance(&at, ax->interpolator.goal, 0.0);
+        if (left * way > 0.0 && fabs(way) > fabs(left))
+            way = left;
+    }
+    if (sj_plan_duration(way, at.V.hi, at.A.hi, 0.0, limits_of(ax), cycles, &longer) == SJ_PLAN_OK)
+        *plan = longer;
+}
+
+/* Limits of the leading axis under which every axis of a straight line keeps its own. */
+static void narrow(sj_limits *limits, const sj_limits *other, double ratio)
+{
+    ratio = fabs(ratio);
+    limits->velocity = fmin(limits->velocity, other->velocity / ratio);
+    limits->acceleration = fmin(limits->acceleration, other->acceleration / ratio);
+    limits->jerk = fmin(limits->jerk, other->jerk / ratio);
+    limits->deceleration = fmin(limits->deceleration, other->deceleration / ratio);
+    limits->deceleration_jerk = fmin(limits->deceleration_jerk, other->deceleration_jerk / ratio);
+}
+
+static int32_t leader_of(const sj_kernel *kernel, const int32_t *axes, int32_t n)
+{
+    int32_t leader = axes[0];
+    for (int32_t i = 0; i < n; i++) {
+        if (kernel->axis[axes[i]].line == 0.0)
+            return -1;
+        if (fabs(kernel->axis[axes[i]].line) > fabs(kernel->axis[leader].line))
+            leader = axes[i];
+    }
+    return leader;
+}
+
+/* One plan for all axes of a straight line, so that they stay on it. -1: they are not on one. */
+static int32_t plan_line(sj_kernel *kernel, const int32_t *axes, int32_t n,
+                         const sj_limits *limits, int32_t stop)
+{
+    int32_t leader = leader_of(kernel, axes, n), status;
+    const sj_axis *ax = &kernel->axis[leader < 0 ? 0 : leader];
+    continuous at = commanded(ax);
+    sj_limits own = {INFINITY, INFINITY, INFINITY, INFINITY, INFINITY};
+    sj_plan plan;
+
+    if (leader < 0)
+        return -1;
+    for (int32_t i = 0; i < n; i++)
+        narrow(&own, &limits[i], kernel->axis[axes[i]].line / ax->line);
+    status = stop ? sj_plan_velocity(at.V.hi, at.A.hi, 0.0, &own, &plan)
+                  : sj_plan_move(lemma_distance(&at, ax->goal.goal, 0.0), at.V.hi, at.A.hi, 0.0,
+                                 &own, &plan);
+    if (status != SJ_PLAN_OK)
+        return -1;
+    for (int32_t i = 0; i < n; i++) {
+        double ratio = kernel->axis[axes[i]].line / ax->line;
+        kernel->plan[i] = plan;
+        kernel->plan[i].velocity *= fabs(ratio);
+        kernel->plan[i].acceleration *= fabs(ratio);
+        for (int32_t k = 0; k < plan.count; k++)
+            kernel->plan[i].phase[k].jerk *= ratio;
+    }
+    return 0;
+}
+
+/* All of them to rest, together where that works. */
+static void halt_together(sj_kernel *kernel, const int32_t *axes, int32_t n)
+{
+    sj_limits limits[SJ_AXES];
+    int64_t longest = 0;
+    int32_t rest = 1;
+
+    for (int32_t i = 0; i < n; i++)
+        limits[i] = *limits_of(&kernel->axis[axes[i]]);
+    if (plan_line(kernel, axes, n, limits, 1) != 0) {
+        for (int32_t i = 0; i < n; i++) {
+            if (plan_stop(&kernel->axis[axes[i]], &limits[i], &kernel->plan[i]) != SJ_PLAN_OK) {
+                kernel->axis[axes[i]].drive_stop = 1;
+                return;
+            }
+            if (kernel->plan[i].cycles > longest)
+                longest = kernel->plan[i].cycles;
+        }
+        for (int32_t i = 0; i < n; i++)
+            if (kernel->plan[i].cycles < longest)
+                stretch(&kernel->axis[axes[i]], longest, &kernel->plan[i]);
+    }
+    for (int32_t i = 0; i < n; i++)
+        rest &= rests_within(&kernel->axis[axes[i]], kernel->plan[i].cycles);
+    for (int32_t i = 0; i < n && !rest; i++) /* else: left to rest by itself */
+        load_stop(&kernel->axis[axes[i]], &kernel->plan[i]);
+}
+
+/* The moving axes that share a goal with this one, itself first; cleared from the set. */
+static int32_t group_of(const sj_kernel *kernel, int32_t axis, uint64_t *set, int32_t *axes)
+{
+    const sj_axis *ax = &kernel->axis[axis];
+    int32_t n = 0;
+    axes[n++] = axis;
+    *set &= ~(UINT64_C(1) << axis);
+    if (ax->goal.kind != SJ_GOAL_ABSOLUTE || ax->synchronization == SJ_SYNC_NONE)
+        return n;
+    for (int32_t i = 0; i < kernel->axes; i++) {
+        const sj_axis *other = &kernel->axis[i];
+        if (i == axis || other->goal.kind != SJ_GOAL_ABSOLUTE || other->goal_id != ax->goal_id ||
+            !other->following || other->reached)
+            continue;
+        axes[n++] = i;
+        *set &= ~(UINT64_C(1) << i);
+    }
+    return n;
+}
+
+void sj_goal_halt(sj_kernel *kernel, uint64_t set)
+{
+    for (int32_t i = 0; i < kernel->axes; i++) {
+        int32_t axes[SJ_AXES], n;
+        if ((set >> i & 1) == 0 || !kernel->axis[i].following)
+            continue;
+        n = group_of(kernel, i, &set, axes);
+        for (int32_t k = 0; k < n; k++)
+            sj_cycle_trigger(kernel, axes[k], SJ_TRIGGER_HALT);
+        halt_together(kernel, axes, n);
+        for (int32_t k = 0; k < n; k++) {
+            sj_axis *ax = &kernel->axis[axes[k]];
+            if (!(ax->interpolator.ahead > 0 && !ax->interpolator.goal_free && !ax->parked))
+                if (!(ax->reached && !axis_moving(ax)))
+                    give_up(ax);
+        }
+    }
+}
+
+void sj_goal_quick_stop(sj_kernel *kernel, uint64_t set)
+{
+    for (int32_t i = 0; i < kernel->axes; i++) {
+        sj_axis *ax = &kernel->axis[i];
+        sj_plan plan;
+        if ((set >> i & 1) == 0 || !ax->following)
+            continue;
+        sj_cycle_trigger(kernel, i, SJ_TRIGGER_QUICK_STOP);
+        if (!axis_moving(ax)) {
+            ax->parked = 0;
+            continue;
+        }
+        if (plan_stop(ax, &ax->config.stop_limits, &plan) != SJ_PLAN_OK)
+            ax->drive_stop = 1;
+        else if (!rests_within(ax, plan.cycles)) {
+            load_stop(ax, &plan);
+            give_up(ax);
+        }
+    }
+}
+
+/* ---- goals ---- */
+
+static int32_t trigger_of(const sj_axis_goal *goal)
+{
+    if (goal->kind == SJ_GOAL_HOME)
+        return SJ_TRIGGER_HOME;
+    return goal->kind == SJ_GOAL_JOG || goal->goal_velocity != 0.0 ? SJ_TRIGGER_JOG
+                                                                   : SJ_TRIGGER_MOVE;
+}
+
+/* No limit of a goal may exceed the axis's own, which its drive was checked against. */
+static int32_t within(const sj_limits *asked, const sj_limits *own)
+{
+    const double slack = 1.0 + 1e-12; /* for conversions to cycle units and back */
+    return asked->velocity <= own->velocity * slack &&
+           asked->acceleration <= own->acceleration * slack &&
+           asked->jerk <= own->jerk * slack &&
+           asked->deceleration <= own->deceleration * slack &&
+           asked->deceleration_jerk <= own->deceleration_jerk * slack;
+}
+
+static int32_t judge(const sj_axis *ax, const sj_axis_goal *goal)
+{
+    const sj_axis_config *config = &ax->config;
+    if (goal->kind < SJ_GOAL_ABSOLUTE || goal->kind > SJ_GOAL_HOME)
+        return SJ_RESULT_RANGE;
+    if (sj_axis_next(ax->state, trigger_of(goal)) < 0)
+        return ax->following || ax->error || ax->homing ? SJ_RESULT_STATE : SJ_RESULT_NOT_FOLLOWING;
+    if (!ax->following || !ax->enable)
+        return SJ_RESULT_NOT_FOLLOWING;
+    if (goal->kind == SJ_GOAL_HOME)
+        return SJ_RESULT_ACCEPTED;
+    if (!within(&goal->limits, &config->limits))
+        return SJ_RESULT_LIMITS;
+    /* beyond 2^52 increments a double no longer tells two of them apart */
+    if (!(fabs(goal->goal * config->counts_per_unit) < 4503599627370496.0))
+        return SJ_RESULT_RANGE;
+    if (!(fabs(goal->goal_velocity) <= goal->limits.velocity))
+        return SJ_RESULT_PLAN;
+    if (goal->kind == SJ_GOAL_ABSOLUTE &&
+        (goal->goal < config->position_min || goal->goal > config->position_max))
+        return SJ_RESULT_LIMIT;
+    return SJ_RESULT_ACCEPTED;
+}
+
+static int32_t same_goal(const sj_axis_goal *x, const sj_axis_goal *y)
+{
+    return x->kind == y->kind && x->goal == y->goal && x->goal_velocity == y->goal_velocity &&
+           memcmp(&x->limits, &y->limits, sizeof x->limits) == 0;
+}
+
+/* The goal's limits under the override: never faster than the goal or the axis allows. */
+static sj_limits overridden(const sj_kernel *kernel, const sj_axis *ax, const sj_axis_goal *goal)
+{
+    sj_limits limits = goal->limits;
+    double most = fmax(limits.velocity, ax->config.limits.velocity);
+    limits.velocity = fmin(limits.velocity * kernel->override, most);
+    return limits;
+}
+
+static double clamp(double x, double most)
+{
+    return fmax(-most, fmin(most, x));
+}
+
+/* A jog is a move to the position limit at the jog's velocity; without a limit, a velocity. */
+static int32_t plan_jog(const sj_kernel *kernel, const sj_axis *ax, const sj_axis_goal *goal,
+                        sj_plan *plan, sj_interpolator *trial)
+{
+    continuous at = commanded(ax);
+    sj_limits limits = overridden(kernel, ax, goal);
+    double v = clamp(goal->goal_velocity * kernel->override, limits.velocity);
+    double end = v > 0.0 ? ax->config.position_max : ax->config.position_min;
+    int32_t status;
+
+    if (v == 0.0 || !isfinite(end)) {
+        status = sj_plan_velocity(at.V.hi, at.A.hi, v, &limits, plan);
+        if (status != SJ_PLAN_OK || sj_interpolator_load(trial, plan, 0.0, v, 1) != SJ_LOAD_OK)
+            return SJ_RESULT_PLAN;
+        return SJ_RESULT_ACCEPTED;
+    }
+    if ((end - ax->interpolator.q.hi) * v <= 0.0)
+        return SJ_RESULT_LIMIT;
+    limits.velocity = fabs(v);
+    status = sj_plan_move(lemma_distance(&at, end, 0.0), at.V.hi, at.A.hi, 0.0, &limits, plan);
+    if (status != SJ_PLAN_OK || sj_interpolator_load(trial, plan, end, 0.0, 0) != SJ_LOAD_OK)
+        return SJ_RESULT_PLAN;
+    return SJ_RESULT_ACCEPTED;
+}
+
+/* Whether a plan stays within the position limits, or at least within where the axis is. */
+static int32_t stays_inside(const sj_axis *ax, const sj_axis_goal *goal, const sj_limits *limits,
+                            const sj_plan *plan)
+{
+    const sj_axis_config *config = &ax->config;
+    continuous at = commanded(ax);
+    double low, high, beyond = 0.0, rest_low, rest_high;
+    double slack = 1e-9 * (fabs(at.P.hi) + fabs(goal->goal));
+    sj_plan rest;
+
+    if (!isfinite(config->position_min) && !isfinite(config->position_max))
+        return 1;
+    way_of(plan, at.V.hi, at.A.hi, &low, &high);
+    if (goal->goal_velocity != 0.0) { /* and after the goal there is room to come to rest */
+        if (sj_plan_velocity(goal->goal_velocity, 0.0, 0.0, limits, &rest) != SJ_PLAN_OK)
+            return 0;
+        beyond = goal->goal + way_of(&rest, goal->goal_velocity, 0.0, &rest_low, &rest_high);
+        if (beyond < config->position_min - slack || beyond > config->position_max + slack)
+            return 0;
+    }
+    return at.P.hi + low >= fmin(config->position_min, at.P.hi) - slack &&
+           at.P.hi + high <= fmax(config->position_max, at.P.hi) + slack;
+}
+
+/* Plans for these goals into kernel->plan and trial, nothing else. line: the axes are on their way
+ * along a straight line to the same goals. */
+static int32_t plan_goals(sj_kernel *kernel, const int32_t *axes, const sj_axis_goal *goals,
+                          int32_t n, int32_t *synchronization, int64_t least_cycles, int32_t line,
+                          int32_t *refused, double *ways)
+{
+    int32_t together[SJ_AXES], of[SJ_AXES], m = 0;
+    sj_request request[SJ_AXES];
+    sj_limits limits[SJ_AXES];
+
+    for (int32_t i = 0; i < n; i++) {
+        const sj_axis *ax = &kernel->axis[axes[i]];
+        continuous at = commanded(ax);
+        double v;
+        if (goals[i].kind != SJ_GOAL_ABSOLUTE)
+            continue;
+        limits[m] = overridden(kernel, ax, &goals[i]);
+        v = clamp(goals[i].goal_velocity, limits[m].velocity);
+        request[m] = (sj_request){lemma_distance(&at, goals[i].goal, v), at.V.hi, at.A.hi, v};
+        ways[i] = request[m].distance;
+        together[m] = axes[i];
+        of[m++] = i;
+    }
+    if (m > 0 && !(line && plan_line(kernel, together, m, limits, 0) == 0) &&
+        sj_plan_axes(m, request, limits, least_cycles, synchronization, kernel->plan) !=
+            SJ_PLAN_OK)
+        return SJ_RESULT_PLAN;
+    for (int32_t k = 0; k < m; k++) {
+        const sj_axis_goal *goal = &goals[of[k]];
+        sj_interpolator *trial = &kernel->trial[of[k]];
+        *trial = kernel->axis[together[k]].interpolator;
+        *refused = together[k];
+        if (!stays_inside(&kernel->axis[together[k]], goal, &limits[k], &kernel->plan[k]))
+            return SJ_RESULT_LIMIT;
+        *refused = -1;
+        if (sj_interpolator_load(trial, &kernel->plan[k], goal->goal, request[k].v1, 0) !=
+            SJ_LOAD_OK)
+            return SJ_RESULT_PLAN;
+    }
+    for (int32_t i = 0; i < n; i++) {
+        const sj_axis *ax = &kernel->axis[axes[i]];
+        int32_t result;
+        if (goals[i].kind != SJ_GOAL_JOG)
+            continue;
+        kernel->trial[i] = ax->interpolator;
+        result = plan_jog(kernel, ax, &goals[i], &kernel->plan[0], &kernel->trial[i]);
+        if (result != SJ_RESULT_ACCEPTED) {
+            *refused = axes[i];
+            return result;
+        }
+    }
+    return SJ_RESULT_ACCEPTED;
+}
+
+static int32_t held(const sj_kernel *kernel)
+{
+    return kernel->hold || kernel->override == 0.0;
+}
+
+static void take_over(sj_kernel *kernel, const int32_t *axes, const sj_axis_goal *goals, int32_t n,
+                      int32_t synchronization, const double *ways)
+{
+    for (int32_t i = 0; i < n; i++) {
+        sj_axis *ax = &kernel->axis[axes[i]];
+        if (goals[i].kind == SJ_GOAL_HOME) {
+            ax->homing = 1;
+        } else {
+            ax->interpolator = kernel->trial[i];
+            ax->line = synchronization == SJ_SYNC_PHASE && goals[i].kind == SJ_GOAL_ABSOLUTE
+                           ? ways[i] : 0.0;
+        }
+        ax->parked = ax->reached = 0;
+    }
+}
+
+void sj_goal_take(sj_kernel *kernel, int32_t stopped)
+{
+    const sj_command *command = &kernel->command;
+    sj_feedback *feedback = &kernel->feedback;
+    int32_t result = stopped ? SJ_RESULT_STOPPED : SJ_RESULT_ACCEPTED, refused = -1;
+    int32_t axes[SJ_AXES], n = 0, changed = 0, synchronization = command->synchronization;
+    sj_axis_goal goals[SJ_AXES];
+    double ways[SJ_AXES];
+
+    kernel->goal_id = command->goal_id;
+    for (int32_t i = 0; i < kernel->axes && result == SJ_RESULT_ACCEPTED; i++) {
+        sj_axis *ax = &kernel->axis[i];
+        if (command->axis[i].goal.kind == SJ_GOAL_NONE)
+            continue;
+        goals[n] = command->axis[i].goal;
+        if (goals[n].kind == SJ_GOAL_RELATIVE) {
+            goals[n].kind = SJ_GOAL_ABSOLUTE;
+            goals[n].goal += ax->interpolator.q.hi;
+            changed = 1;
+        }
+        result = judge(ax, &goals[n]);
+        if (result != SJ_RESULT_ACCEPTED)
+            refused = i;
+        changed |= !same_goal(&ax->goal, &goals[n]) || goals[n].kind == SJ_GOAL_HOME;
+        axes[n++] = i;
+    }
+    if (result == SJ_RESULT_ACCEPTED && changed && n > 0 && !held(kernel)) {
+        result = plan_goals(kernel, axes, goals, n, &synchronization, command->least_cycles, 0,
+                            &refused, ways);
+        if (result == SJ_RESULT_ACCEPTED)
+            take_over(kernel, axes, goals, n, synchronization, ways);
+    }
+    for (int32_t i = 0; i < n && result == SJ_RESULT_ACCEPTED; i++) {
+        sj_axis *ax = &kernel->axis[axes[i]];
+        sj_axis_feedback *out = &feedback->axis[axes[i]];
+        ax->goal_id = command->goal_id;
+        if (!changed)
+            continue;
+        ax->goal = goals[i];
+        ax->synchronization = command->synchronization;
+        ax->least_cycles = command->least_cycles;
+        sj_cycle_trigger(kernel, axes[i], trigger_of(&goals[i]));
+        if (held(kernel)) { /* planned when the hold ends */
+            ax->reached = 0;
+            ax->line = 0.0;
+            ax->parked = goals[i].kind != SJ_GOAL_HOME;
+            ax->homing = goals[i].kind == SJ_GOAL_HOME;
+        }
+        out->peak_velocity = out->peak_acceleration = out->peak_jerk = 0.0;
+    }
+    if (result == SJ_RESULT_ACCEPTED && changed && held(kernel))
+        sj_goal_again(kernel);
+    feedback->result_goal_id = command->goal_id;
+    feedback->result = result;
+    feedback->result_axis = refused;
+    sj_cycle_tell(kernel, SJ_EVENT_GOAL, refused, result, 0.0);
+}
+
+void sj_goal_again(sj_kernel *kernel)
+{
+    uint64_t set = 0;
+    for (int32_t i = 0; i < kernel->axes; i++) {
+        const sj_axis *ax = &kernel->axis[i];
+        if (ax->following && (ax->goal.kind == SJ_GOAL_JOG ||
+                              (ax->goal.kind == SJ_GOAL_ABSOLUTE && !ax->reached)))
+            set |= UINT64_C(1) << i;
+    }
+    for (int32_t i = 0; i < kernel->axes; i++) {
+        int32_t axes[SJ_AXES], n, synchronization, refused, rest = 1;
+        sj_axis_goal goals[SJ_AXES];
+        double ways[SJ_AXES];
+        if ((set >> i & 1) == 0)
+            continue;
+        n = group_of(kernel, i, &set, axes);
+        if (held(kernel)) {
+            halt_together(kernel, axes, n);
+            for (int32_t k = 0; k < n; k++) {
+                sj_axis *ax = &kernel->axis[axes[k]];
+                ax->parked = ax->interpolator.goal_free || ax->interpolator.ahead == 0;
+            }
+            continue;
+        }
+        for (int32_t k = 0; k < n; k++) {
+            goals[k] = kernel->axis[axes[k]].goal;
+            rest &= !axis_moving(&kernel->axis[axes[k]]);
+        }
+        synchronization = kernel->axis[i].synchronization;
+        if (plan_goals(kernel, axes, goals, n, &synchronization, 0, !rest, &refused, ways) !=
+            SJ_RESULT_ACCEPTED) {
+            halt_together(kernel, axes, n);
+            for (int32_t k = 0; k < n; k++)
+                give_up(&kernel->axis[axes[k]]);
+            continue;
+        }
+        for (int32_t k = 0; k < n; k++) {
+            sj_axis *ax = &kernel->axis[axes[k]];
+            ax->interpolator = kernel->trial[k];
+            ax->parked = 0;
+            if (rest)
+                ax->line = synchronization == SJ_SYNC_PHASE ? ways[k] : 0.0;
+        }
+    }
+}
+
+void sj_goal_reached(sj_kernel *kernel, int32_t axis)
+{
+    sj_axis *ax = &kernel->axis[axis];
+    if (ax->parked || ax->goal.kind == SJ_GOAL_NONE || ax->interpolator.ahead > 0)
+        return;
+    if (ax->goal.kind != SJ_GOAL_ABSOLUTE)
+        return;
+    ax->reached = 1;
+    if (ax->interpolator.v.hi == 0.0)
+        return;
+    ax->goal.kind = SJ_GOAL_JOG; /* with the velocity it arrived with */
+    if (isfinite(ax->config.position_min) || isfinite(ax->config.position_max)) {
+        kernel->trial[0] = ax->interpolator;
+        if (plan_jog(kernel, ax, &ax->goal, &kernel->plan[0], &kernel->trial[0]) ==
+            SJ_RESULT_ACCEPTED)
+            ax->interpolator = kernel->trial[0];
+    }
+}

@@ -1,0 +1,282 @@
+"""The commands of a person at a running kernel: arguments to calls, results to lines or JSON.
+
+Never here: motion, layouts, bit masks.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shutil
+import signal
+import subprocess
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+from sjerk.config import load
+from sjerk.errors import InputError
+from sjerk.feedback import Feedback, Timing
+from sjerk.handshake import clean
+from sjerk.host import Host, Monitor
+
+#: Largest wait for a host that is about to leave, seconds.
+_PATIENCE = 2.0
+
+
+def add_arguments(jobs: Any) -> None:
+    """Add kernel, enable, disable, reset, move, jog, stop, status, monitor and report."""
+    job = jobs.add_parser("kernel", help="run the kernel of a TOML file until Ctrl-C or SIGTERM")
+    job.add_argument("file", type=Path)
+    job.add_argument("--name", help="of the kernel; default: the file's")
+    job.add_argument("--spin-us", type=float, help="busy wait before each deadline")
+    job.add_argument("--seconds", type=float, help="end by itself")
+    job.add_argument("--json", action="store_true")
+    job.set_defaults(run=_kernel)
+
+    def add(name: str, run: Callable[[argparse.Namespace], int], help: str) -> Any:
+        job = jobs.add_parser(name, help=help)
+        job.add_argument("--name", help="of the kernel; default: the only one that runs")
+        job.add_argument("--json", action="store_true", help="one JSON object per line")
+        job.set_defaults(run=run)
+        return job
+
+    for name, text in (
+        ("enable", "enable drives"),
+        ("disable", "disable drives, at rest"),
+        ("reset", "reset faults"),
+    ):
+        add(name, _power, text).add_argument("axes", nargs="*", type=int, help="default: all")
+    job = add("move", _move, "move to positions; returns at the goal")
+    job.add_argument("target", nargs="+", help="a position per axis, or AXIS=POSITION")
+    job.add_argument("--relative", action="store_true")
+    job.add_argument("--velocity", type=float, help="instead of the axes' own")
+    job.add_argument("--synchronization", choices=("time", "phase", "none"), default="time")
+    job.add_argument("--timeout", type=float, help="seconds")
+    job = add("jog", _jog, "move with a velocity, to a limit, or until stopped; returns at once")
+    job.add_argument("velocity", nargs="+", help="AXIS=VELOCITY, or one for the one axis")
+    job = add("stop", _stop, "halt, or quick stop; returns at rest")
+    job.add_argument("axes", nargs="*", type=int, help="default: all")
+    job.add_argument("--quick", action="store_true", help="each axis by its own stop limits")
+    add("status", _status, "what the axes do")
+    job = add("monitor", _monitor, "a live table (extra: rich)")
+    job.add_argument("--seconds", type=float, default=float("inf"))
+    job = add("report", _report, "cycle times, beside cyclictest where installed")
+    job.add_argument("--seconds", type=float, default=5.0)
+
+
+# ---- the kernel ----------------------------------------------------------------------------------
+
+
+def _kernel(options: argparse.Namespace) -> int:
+    kernel = load(options.file, name=options.name)
+    if options.spin_us is not None:
+        kernel.clock = replace(kernel.clock, spin_us=options.spin_us)
+
+    def end(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, end)
+    try:
+        with suppress(KeyboardInterrupt), kernel:
+            monitor = Monitor.attach(kernel.name)
+            clock = asdict(monitor.feedback().timing.clock)
+            _show(options, {"kernel": kernel.name, "axes": len(kernel.axes), "clock": clock})
+            monitor.close()
+            until = time.monotonic() + (options.seconds or float("inf"))
+            while kernel.alive and time.monotonic() < until:
+                time.sleep(0.05)
+            if not kernel.alive:
+                return 6
+    finally:
+        signal.signal(signal.SIGTERM, before)
+    return 0
+
+
+def _name(options: argparse.Namespace) -> str:
+    if options.name:
+        return str(options.name)
+    found = [info.name for info in clean(dry_run=True) if info.in_use]
+    if len(found) != 1:
+        raise InputError("--name", None, f"{len(found)} kernels run: {', '.join(found) or 'none'}")
+    return found[0]
+
+
+# ---- commands ------------------------------------------------------------------------------------
+
+
+def _host(options: argparse.Namespace) -> Host:
+    return Host.attach(_name(options), wait=_PATIENCE)
+
+
+def _power(options: argparse.Namespace) -> int:
+    with _host(options) as host:
+        getattr(host, options.job)(axes=options.axes or None)
+        return _positions(options, host)
+
+
+def _by_axis(what: str, words: list[str]) -> dict[int, float]:
+    """AXIS=NUMBER words, or numbers in the order of the axes."""
+    found: dict[int, float] = {}
+    for i, word in enumerate(words):
+        axis, sign, number = word.rpartition("=")
+        try:
+            found[int(axis) if sign else i] = float(number)
+        except ValueError as fault:
+            raise InputError(what, word, "must be a number or AXIS=NUMBER") from fault
+    return found
+
+
+def _move(options: argparse.Namespace) -> int:
+    with _host(options) as host:
+        targets = _by_axis("target", options.target)
+        limits = None
+        if options.velocity is not None:
+            axes = host.feedback().axes
+            limits = replace(axes[min(targets)].limits, velocity=options.velocity, position=None)
+        move = host.move(
+            {i: float(value) for i, value in targets.items()},
+            relative=options.relative,
+            limits=limits,
+            synchronization=options.synchronization,
+        )
+        try:
+            move.wait(options.timeout)
+        except KeyboardInterrupt:
+            move.cancel()
+            raise
+        return _positions(options, host)
+
+
+def _jog(options: argparse.Namespace) -> int:
+    with _host(options) as host:
+        host.jog(_by_axis("velocity", options.velocity)).accepted()
+        return _positions(options, host)
+
+
+def _stop(options: argparse.Namespace) -> int:
+    with _host(options) as host:
+        (host.quick_stop if options.quick else host.halt)(axes=options.axes or None)
+        return _positions(options, host)
+
+
+# ---- what is seen --------------------------------------------------------------------------------
+
+
+def _show(options: argparse.Namespace, data: dict[str, Any]) -> None:
+    if options.json:
+        print(json.dumps(data), flush=True)
+        return
+    for key, value in data.items():
+        if isinstance(value, list):
+            for row in value:
+                print("  ".join(f"{k} {v}" for k, v in row.items()), flush=True)
+        elif isinstance(value, dict):
+            for k, v in value.items():
+                text = "  ".join(f"{n} {x}" for n, x in v.items()) if isinstance(v, dict) else v
+                print(f"{key}.{k}: {text}", flush=True)
+        else:
+            print(f"{key}: {value}", flush=True)
+
+
+def _axes(feedback: Feedback) -> list[dict[str, Any]]:
+    return [
+        {
+            "axis": i,
+            "state": axis.state.name,
+            "drive": axis.drive_state.name,
+            "position": round(axis.position, 9),
+            "actual": round(axis.actual_position, 6),
+            "velocity": round(axis.velocity, 6),
+            "unit": axis.unit,
+        }
+        for i, axis in enumerate(feedback.axes)
+    ]
+
+
+def _positions(options: argparse.Namespace, host: Host) -> int:
+    _show(options, {"axes": _axes(host.feedback())})
+    return 0
+
+
+def _status(options: argparse.Namespace) -> int:
+    with Monitor.attach(_name(options)) as monitor:
+        feedback = monitor.feedback()
+        timing = {
+            "cycle": feedback.cycle,
+            "late": feedback.timing.late,
+            "override": feedback.override,
+            "hold": feedback.hold,
+        }
+        _show(options, timing | {"axes": _axes(feedback)})
+    return 0
+
+
+def _monitor(options: argparse.Namespace) -> int:
+    until = time.monotonic() + options.seconds
+    with Monitor.attach(_name(options)) as monitor:
+        if options.json:
+            while time.monotonic() < until and monitor.kernel_lives:
+                feedback = monitor.feedback()
+                _show(options, {"cycle": feedback.cycle, "axes": _axes(feedback)})
+                time.sleep(0.1)
+            return 0
+        try:
+            from rich.live import Live
+            from rich.table import Table
+        except ImportError as fault:
+            raise InputError("monitor", None, "needs the extra: sjerk[monitor]") from fault
+        with Live(refresh_per_second=10) as live:
+            while time.monotonic() < until and monitor.kernel_lives:
+                feedback = monitor.feedback()
+                late = feedback.timing.late
+                table = Table(title=f"{monitor.name}  cycle {feedback.cycle}  late {late}")
+                rows = _axes(feedback)
+                for column in rows[0]:
+                    table.add_column(column)
+                for row in rows:
+                    table.add_row(*(str(value) for value in row.values()))
+                live.update(table)
+                time.sleep(0.1)
+    return 0
+
+
+def _report(options: argparse.Namespace) -> int:
+    with Monitor.attach(_name(options)) as monitor:
+        judge = None
+        tool = shutil.which("cyclictest")
+        period = monitor.feedback().cycle_time
+        if tool is not None:
+            order = [tool, "-q", "-D", str(max(1, round(options.seconds)))]
+            order += ["-i", str(round(period * 1e6)), "-p", "80", "-t", "1"]
+            judge = subprocess.Popen(
+                order, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+            )
+        before = monitor.feedback()
+        time.sleep(options.seconds)
+        after = monitor.feedback()
+        beside = judge.communicate()[0].strip().splitlines()[-1:] if judge else []
+    missed = after.timing.late - before.timing.late
+    head: dict[str, Any] = {
+        "cycle_time_us": round(period * 1e6, 3),
+        "cycles": after.cycle - before.cycle,
+        "late": missed,
+        "clock": asdict(after.timing.clock),
+        "times_us": _times(after.timing),
+        "cyclictest": beside[0] if beside else "not installed",
+    }
+    _show(options, head)
+    return 0
+
+
+def _times(timing: Timing) -> list[dict[str, Any]]:
+    """Since the kernel's start, microseconds."""
+    rows = []
+    for name in ("latency", "period", "computing"):
+        times = asdict(getattr(timing, name))
+        count = times.pop("count")
+        rows.append({"of": name, "count": count} | {k: round(v * 1e6, 1) for k, v in times.items()})
+    return rows

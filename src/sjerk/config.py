@@ -1,0 +1,109 @@
+"""A kernel from a TOML file: axes, drives, clock and reactions, each fault told with its place.
+
+Never here: motion, processes.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Callable
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+from sjerk.cia402 import DriveConfig, DriveConfigError
+from sjerk.clock import Clock
+from sjerk.errors import ConfigError, InputError
+from sjerk.kernel import Axis, MotionKernel, Reactions
+from sjerk.profile import Limits
+
+
+class _Place:
+    """One table of the file: knows where it is, refuses what it does not know."""
+
+    def __init__(self, path: str, place: str, table: object) -> None:
+        self.path, self.place = path, place
+        if not isinstance(table, dict):
+            raise self.error("", table, "must be a table")
+        self.table: dict[str, Any] = table
+
+    def error(self, key: str, value: object, why: str) -> ConfigError:
+        place = f"{self.place}.{key}" if self.place and key else self.place or key
+        return ConfigError(self.path, place, value, why)
+
+    def known(self, *names: str) -> None:
+        for key, value in self.table.items():
+            if key not in names:
+                raise self.error(key, value, f"unknown; known are {', '.join(names)}")
+
+    def make(self, kind: Callable[..., Any], required: tuple[str, ...], values: Any) -> Any:
+        """Construct ``kind``; its own complaint is told with the place."""
+        for name in required:
+            if name not in values:
+                raise self.error(name, None, "is missing")
+        try:
+            return kind(**values)
+        except (InputError, DriveConfigError) as fault:
+            why = fault.limit if isinstance(fault, InputError) else str(fault)
+            raise self.error(fault.field, fault.value, why) from fault
+
+
+def load(path: Path | str, *, name: str | None = None) -> MotionKernel:
+    """Read a kernel from a TOML file; ``name`` of the segment, else the file's, else the file stem.
+
+    Raises ConfigError with the file and the place in it, OSError.
+
+    A file: ``cycle_time`` (s), ``name``, tables ``[clock]`` (``Clock``) and ``[reactions]``
+    (``Reactions``), and for each axis ``[[axes]]`` with the fields of ``Axis``: ``limits`` and
+    ``stop_limits`` are tables of ``Limits``, ``drive`` a table of ``DriveConfig`` or "external".
+
+    >>> load("/dev/null")
+    Traceback (most recent call last):
+    sjerk.errors.ConfigError: /dev/null: axes = None: needs at least one [[axes]]
+    """
+    try:
+        table = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as fault:
+        raise ConfigError(str(path), "syntax", None, str(fault)) from fault
+    top = _Place(str(path), "", table)
+    top.known("name", "cycle_time", "clock", "reactions", "axes")
+    rows = table.get("axes")
+    if not isinstance(rows, list) or not rows:
+        raise top.error("axes", rows, "needs at least one [[axes]]")
+    values: dict[str, Any] = {
+        "axes": [_axis(_Place(str(path), f"axes[{i}]", row)) for i, row in enumerate(rows)],
+        "clock": _plain(_Place(str(path), "clock", table.get("clock", {})), Clock),
+        "reactions": _plain(_Place(str(path), "reactions", table.get("reactions", {})), Reactions),
+        "name": name or table.get("name", Path(path).stem),
+    }
+    if "cycle_time" in table:
+        values["cycle_time"] = table["cycle_time"]
+    kernel: MotionKernel = top.make(MotionKernel, (), values)
+    return kernel
+
+
+def _plain(place: _Place, kind: type[Any]) -> Any:
+    place.known(*(field.name for field in fields(kind)))
+    return place.make(kind, (), place.table)
+
+
+def _axis(place: _Place) -> Axis:
+    place.known(*(field.name for field in fields(Axis) if field.name != "_"))
+    values = dict(place.table)
+    for key in ("limits", "stop_limits"):
+        if key in values:
+            values[key] = _limits(_Place(place.path, f"{place.place}.{key}", values[key]))
+    if "drive" in values and values["drive"] != "external":
+        below = _Place(place.path, f"{place.place}.drive", values["drive"])
+        values["drive"] = _plain(below, DriveConfig)
+    axis: Axis = place.make(Axis, ("limits", "counts_per_unit"), values)
+    return axis
+
+
+def _limits(place: _Place) -> Limits:
+    place.known(*(field.name for field in fields(Limits)))
+    values = dict(place.table)
+    if isinstance(values.get("position"), list):
+        values["position"] = tuple(values["position"])
+    limits: Limits = place.make(Limits, ("velocity", "acceleration", "jerk"), values)
+    return limits

@@ -1,0 +1,225 @@
+"""What a kernel publishes every cycle, to be read: axes, states, and the cycle-time report.
+
+Never here: commands, equations, layouts.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any
+
+from sjerk._binding import ffi, lib
+from sjerk.cia402 import State as DriveState
+from sjerk.clock import ClockReport
+from sjerk.profile import Limits
+from sjerk.states import AxisState
+
+
+@dataclass(frozen=True)
+class AxisFeedback:
+    """One axis in one cycle; positions in axis units, time in seconds.
+
+    ``position`` to ``jerk`` are the commanded sample, ``peak_*`` the largest magnitudes of it since
+    the last goal came, ``actual_*`` the encoder's. ``settled``: the goal has been reached.
+    ``following_error`` is the drive's own (60F4h,
+    increments). ``limits`` are those in force, with the position limits; ``wrap`` axis units make
+    one turn, 0 for none.
+    """
+
+    position: float
+    velocity: float
+    acceleration: float
+    jerk: float
+    actual_position: float
+    actual_velocity: float
+    peak_velocity: float
+    peak_acceleration: float
+    peak_jerk: float
+    goal: float
+    goal_id: int
+    target_counts: int
+    actual_counts: int
+    following_error: int
+    statusword: int
+    error_code: int
+    moving: bool
+    settled: bool
+    follows: bool
+    enabled: bool
+    fault: bool
+    state: AxisState
+    limits: Limits
+    unit: str
+    wrap: float
+
+    @property
+    def turned(self) -> float:
+        """The commanded position within one turn, 0 .. ``wrap``; ``position`` without a wrap."""
+        return self.position % self.wrap if self.wrap else self.position
+
+    @property
+    def drive_state(self) -> DriveState:
+        """The drive's state by its statusword."""
+        return DriveState.of(self.statusword)
+
+
+@dataclass(frozen=True)
+class Distribution:
+    """A duration over all cycles, seconds. Interpolated in buckets of 6 %; ``worst`` is exact."""
+
+    count: int
+    median: float
+    p99: float
+    p999: float
+    worst: float
+
+    @classmethod
+    def of(cls, histogram: Any) -> Distribution:
+        """Read a ``sj_histogram``."""
+        count, worst = int(histogram.count), histogram.worst_ns * 1e-9
+        cuts: list[float] = []
+        buckets = list(histogram.bucket)
+        for share in (0.5, 0.99, 0.999):
+            below, value = 0, worst
+            for i, n in enumerate(buckets):
+                if n and below + n >= share * count:
+                    octave, step = divmod(i, 16)
+                    inside = (share * count - below) / n  # evenly within the bucket
+                    value = 64e-9 * 2.0**octave * (1.0 + (step + inside) / 16.0)
+                    break
+                below += n
+            cuts.append(min(value, worst))
+        return cls(count, cuts[0], cuts[1], cuts[2], worst)
+
+
+@dataclass(frozen=True)
+class Timing:
+    """The cycle-time report: wake-up latency, period, computing time, and skipped cycles."""
+
+    latency: Distribution
+    period: Distribution
+    computing: Distribution
+    late: int
+    clock: ClockReport
+
+
+class Feedback:
+    """One frame of the kernel's feedback: all axes in the same cycle."""
+
+    def __init__(self, frame: Any, cycle_time: float) -> None:
+        """Not for callers: ``Host.feedback`` makes it from a private copy of the frame."""
+        self._frame = frame
+        self.cycle_time = cycle_time
+        self.cycle = int(frame.cycle)
+        self.time_ns = int(frame.time_ns)
+        self.override = float(frame.override)
+        self.hold = bool(frame.hold)
+        self.axes = tuple(_axis_feedback(frame.axis[i], cycle_time) for i in range(frame.axes))
+
+    def __repr__(self) -> str:
+        return f"Feedback(cycle={self.cycle}, axes={self.axes!r})"
+
+    @property
+    def moving(self) -> bool:
+        """Whether any axis moves."""
+        return any(axis.moving for axis in self.axes)
+
+    @property
+    def timing(self) -> Timing:
+        """The cycle-time report up to this cycle."""
+        frame = self._frame
+        return Timing(
+            Distribution.of(frame.latency),
+            Distribution.of(frame.period),
+            Distribution.of(frame.computing),
+            int(frame.late),
+            ClockReport.of(frame.clock),
+        )
+
+
+def limits_of(raw: Any, T: float) -> Limits:
+    """The limits in force of a ``sj_axis_feedback``, per second."""
+    own = raw.limits
+    free = raw.position_min == -math.inf and raw.position_max == math.inf
+    return Limits(
+        own.velocity / T,
+        own.acceleration / T**2,
+        own.jerk / T**3,
+        deceleration=own.deceleration / T**2,
+        deceleration_jerk=own.deceleration_jerk / T**3,
+        position=None if free else (raw.position_min, raw.position_max),
+    )
+
+
+class EventKind(IntEnum):
+    """What an event is about; ``Event.code`` and ``Event.value`` depend on it."""
+
+    GOAL = lib.SJ_EVENT_GOAL
+    STATE = lib.SJ_EVENT_STATE
+    HOST = lib.SJ_EVENT_HOST
+    SPOILT = lib.SJ_EVENT_SPOILT
+    FAULT = lib.SJ_EVENT_FAULT
+    FOLLOWING = lib.SJ_EVENT_FOLLOWING
+    LATE = lib.SJ_EVENT_LATE
+    ANCHOR = lib.SJ_EVENT_ANCHOR
+    LIMITS = lib.SJ_EVENT_LIMITS
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something that happened in a cycle of the kernel.
+
+    ``axis`` is None for all. ``code``: of a goal or of limits the ``enum sj_result``, of a state
+    the new ``AxisState``, of a fault the drive's 603Fh (-1: homing failed). ``value``: the state
+    before, the following error (axis unit), or how many cycles were late.
+    """
+
+    cycle: int
+    kind: EventKind
+    axis: int | None
+    code: int
+    value: float
+    goal_id: int
+
+    def __str__(self) -> str:
+        where = "" if self.axis is None else f" axis {self.axis}"
+        what = AxisState(self.code).name if self.kind is EventKind.STATE else str(self.code)
+        return f"cycle {self.cycle}{where}: {self.kind.name} {what} {self.value:g}"
+
+    @classmethod
+    def of(cls, raw: Any) -> Event:
+        """Read a ``sj_kernel_event``."""
+        axis = None if raw.axis < 0 else int(raw.axis)
+        return cls(raw.cycle, EventKind(raw.kind), axis, raw.code, raw.value, raw.goal_id)
+
+
+def _axis_feedback(raw: Any, T: float) -> AxisFeedback:
+    return AxisFeedback(
+        position=raw.position,
+        velocity=raw.velocity / T,
+        acceleration=raw.acceleration / T**2,
+        jerk=raw.jerk / T**3,
+        actual_position=raw.actual_position,
+        actual_velocity=raw.actual_velocity / T,
+        peak_velocity=raw.peak_velocity / T,
+        peak_acceleration=raw.peak_acceleration / T**2,
+        peak_jerk=raw.peak_jerk / T**3,
+        goal=raw.goal,
+        goal_id=raw.goal_id,
+        target_counts=raw.target_counts,
+        actual_counts=raw.actual_counts,
+        following_error=raw.following_error,
+        statusword=raw.statusword,
+        error_code=raw.error_code,
+        moving=bool(raw.moving),
+        settled=bool(raw.settled),
+        follows=bool(raw.follows),
+        enabled=bool(raw.enabled),
+        fault=bool(raw.fault),
+        state=AxisState(raw.state),
+        limits=limits_of(raw, T),
+        unit=ffi.string(raw.unit).decode(),
+        wrap=raw.wrap,
+    )
