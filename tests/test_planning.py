@@ -329,7 +329,7 @@ def test_random_states_in_every_unit(
         if total > 100_000:
             with capsys.disabled():
                 sys.stderr.write(f"\r{unit} {kind} {(asymmetric and 'uneven') or 'even'}: {done}")
-    assert longest_ulps <= 4096.0
+    assert longest_ulps <= 64.0
     if total > 100_000:
         with capsys.disabled():
             figures = ", ".join(f"{name} {value:.12g}" for name, value in worst.items())
@@ -476,6 +476,23 @@ def test_changes_of_velocity_end_as_asked(
     profile = plan_velocity(start, share * limit.velocity, limit, cycle_time)
     legal(profile, limit)
     assert profile.end.velocity == share * limit.velocity
+
+
+@pytest.mark.xfail(strict=True, reason="known fault: J T > A, docs/explanation/planner.md")
+def test_limits_hold_where_one_cycle_of_jerk_is_more_than_all_acceleration() -> None:
+    """A start that can keep its limits is planned within them, however long the cycle."""
+    limit = Limits(
+        7.033655122556424,
+        1150.61184175065,
+        1799366.3919221708,
+        6665.134109367208,
+        3140733.9682372203,
+    )
+    start = State(0.0, 5.958840402279902, 863.020749759082)
+    assert inside(start, limit, 2e-3)
+    for target in (0.01, 0.1, 1.0, -0.1, -1.0):
+        legal(plan(start, target, limit, 2e-3), limit)
+        legal(plan_velocity(start, 0.0, limit, 2e-3), limit)
 
 
 def test_a_stop_is_no_longer_than_the_plan_it_stops() -> None:
