@@ -19,6 +19,7 @@ from sjerk.kernel import Axis, Image, MotionKernel, Reactions
 from sjerk.planning import Motion, Plans, plan, plan_many, plan_velocity
 from sjerk.profile import Extrema, Limits, Phase, Profile, Range, Samples, State, scurve
 from sjerk.states import AxisState
+from sjerk.streaming import GoalStream, StreamReport
 from sjerk.trajectory import ExecutionMode, Fault, FaultKind, Trajectory, TrajectoryError, resample
 
 __all__ = [
@@ -37,6 +38,7 @@ __all__ = [
     "FaultKind",
     "Feedback",
     "Followed",
+    "GoalStream",
     "Grant",
     "Host",
     "Image",
@@ -60,6 +62,7 @@ __all__ = [
     "Segment",
     "SjerkError",
     "State",
+    "StreamReport",
     "SupersededError",
     "Timing",
     "Trajectory",
