@@ -320,7 +320,7 @@ class GoalStream:
         *,
         stop: bool = False,
     ) -> _Choice | None:
-        """The least late plan with the limits kept up to the first goal met, and later if possible."""
+        """The least late plan: limits kept up to the first goal met, later ones if possible."""
         chosen = [goals[i] for i in met]
         periods = self._periods(chosen)
         due = chosen[-1].cycle - self._cycle
