@@ -651,6 +651,78 @@ int64_t sj_follow_sample(int64_t count, int64_t joints, const double *position,
                          const double *last_jerk, const int64_t *length, const double *jerk,
                          const sj_follow_samples *out);
 
+/* ---- peers: a path in play (_track.c: where, _pace.c: when) ------------------------------------ */
+
+enum { SJ_TRACK_NUMBERS = 131072, SJ_TRACK_SEGMENTS = 2048 };
+
+enum sj_track_status {
+    SJ_TRACK_OK = 0,
+    SJ_TRACK_FULL = 1,                  /* wait: nothing was taken */
+    SJ_TRACK_ORDER = 2,                 /* not the segment that comes next */
+    SJ_TRACK_LENGTH = 3,                /* phases out of range, or no rest at the end */
+    SJ_TRACK_NUMBER = 4,                /* a number that is none */
+    SJ_TRACK_BROKEN = 5,                /* does not go on where the segment before ends */
+    SJ_TRACK_LIMIT = 6,                 /* velocity, acceleration or jerk beyond the axis' own */
+    SJ_TRACK_POSITION = 7               /* leaves the position limits */
+};
+
+/* A segment for one axis: the way-point at its end, the continuous state at its first knot, the jerk
+ * of the cycle before that, and one per phase. Per cycle, as `Followed` has them. */
+typedef struct {
+    double position, velocity, acceleration, last_jerk;
+    double jerk[4];
+} sj_track_axis;
+
+typedef struct {
+    int64_t begin;                      /* path cycle of its first knot */
+    int64_t number;                     /* of the way-point at its end */
+    int64_t cycles[4];
+} sj_track_segment;
+
+/* What an axis allows. */
+typedef struct {
+    double velocity, acceleration, jerk, position_min, position_max;
+} sj_track_limits;
+
+/* The window of a path: segments first .. first + count - 1, each in slot (index % capacity). */
+typedef struct {
+    int32_t axes, capacity;
+    int64_t first, count;
+    int64_t end;                        /* path cycle where what is known ends */
+    int64_t number;                     /* of the way-point there */
+    int32_t whole;                      /* 1: the path ends there */
+    int32_t axis;                       /* that the last refusal was about */
+    sj_track_limits limits[64];
+    double way_point[64], velocity[64], acceleration[64], last_jerk[64]; /* there */
+    sj_track_segment segment[2048];
+    double row[131072];                 /* per segment nine columns of all axes */
+} sj_track;
+
+/* The phase that a place of the path lies in. */
+typedef struct {
+    int64_t segment, begin, end;        /* path cycles of the phase */
+    int32_t phase, reserved;
+    double P[64], V[64], A[64];         /* continuous at its begin; P from the segment's first way-point */
+} sj_cursor;
+
+void    sj_track_begin(sj_track *track, int32_t axes, const double *position,
+                       const sj_track_limits *limits);
+int32_t sj_track_add(sj_track *track, int64_t number, const int64_t *cycles, int32_t last,
+                     const sj_track_axis *axis);
+/* Forget the segments whose way-point has this number or a later one; the number of them. */
+int64_t sj_track_cut(sj_track *track, int64_t number);
+/* Segments before this one are not needed any more. */
+void    sj_track_pass(sj_track *track, int64_t segment);
+/* The phase of path cycle `cell`, the one from cell to cell + 1; 0, or -1: not known. */
+int32_t sj_cursor_seek(const sj_track *track, int64_t cell, sj_cursor *cursor);
+/* Positions so many cycles after the phase's begin; they are the samples where the path is run at
+ * its speed. */
+void    sj_cursor_position(const sj_track *track, const sj_cursor *cursor, double cycles,
+                           double *position);
+/* The sample after the phase's c-th cycle, bit for bit that of sj_follow_sample. */
+void    sj_cursor_sample(const sj_track *track, const sj_cursor *cursor, int64_t c,
+                         const sj_follow_samples *out);
+
 /* ---- peers: states of an axis (_states.c) ---------------------------------------------------- */
 
 enum {                                  /* PLCopen, motion control part 1: the state diagram */
@@ -943,6 +1015,91 @@ int32_t  sj_kernel_axis(sj_kernel *kernel, int32_t axis, const sj_drive_config *
 void     sj_kernel_cycle(sj_kernel *kernel, uint64_t now_ns);
 void     sj_kernel_cycles(sj_kernel *kernel, int64_t cycles); /* in a caller's own loop */
 int32_t  sj_kernel_at_rest(const sj_kernel *kernel);    /* nothing moves, no drive is enabled */
+
+/* ---- wiring: the pace of a path in play (_pace.c) -------------------------------------------- */
+
+/* Axis-samples that one cycle checks at most, and what a plan counts as. */
+enum { SJ_PACE_CHECKS = 4096, SJ_PACE_PLAN = 256 };
+
+enum sj_pace_status {
+    SJ_PACE_RUNS = 0,
+    SJ_PACE_RESTS = 1,                  /* on the path, as it was told */
+    SJ_PACE_STARVES = 2,                /* rests, or comes to rest, for want of segments */
+    SJ_PACE_DONE = 3,                   /* on the last way-point */
+    SJ_PACE_LOST = 4                    /* no place to go: what was known is over, in motion */
+};
+
+/* Path cycles passed, a motion of its own: speed 1 is the path as it was planned. */
+typedef struct {
+    sj_interpolator s;                  /* beyond `origin` */
+    int64_t origin;
+} sj_pace;
+
+/* A pace on its track, cycle by cycle. */
+typedef struct {
+    sj_pace pace;
+    sj_cursor cursor;
+    double past[4][64];                 /* positions of the last four cycles, the newest first */
+} sj_run;
+
+enum sj_search_kind {
+    SJ_SEARCH_NONE = 0,
+    SJ_SEARCH_CHANGE = 1,               /* to another speed, as soon as possible */
+    SJ_SEARCH_STOP = 2,                 /* at the end of what is known, as late as possible */
+    SJ_SEARCH_AWAY = 3,                 /* above speed 1 for a while, and back */
+    SJ_SEARCH_STAY = 4,                 /* there for longer */
+    SJ_SEARCH_SOONER = 5                /* a change that is under way, harder */
+};
+
+/* The candidate that is being checked against the limits, over its whole way. */
+typedef struct {
+    int32_t kind;                       /* enum sj_search_kind */
+    int32_t rung, share;                /* how hard, how much of what is wanted */
+    int32_t stage;                      /* 0: none is under way */
+    int32_t left;                       /* cycles of this stage */
+    int32_t spent;                      /* 1: nothing found, and nothing has changed since */
+    double to;
+    int64_t known;                      /* end of the track it was made for */
+    int64_t delay;                      /* cycles until it begins */
+    int64_t cycle;                      /* of the run */
+    int64_t begin, second_at;           /* cycles in which its plans begin; second: -1 none */
+    int64_t again;                      /* cycle from which to look again */
+    sj_run run;
+    sj_pace first, second;
+} sj_search;
+
+typedef struct {
+    sj_track track;
+    sj_run run;
+    double velocity[64], acceleration[64], jerk[64];    /* of run.past[0] */
+    double wish;                        /* speed, 0 .. 2 */
+    double hardest_a, hardest_j;        /* of changes of speed */
+    double below;                       /* the highest constant speed below 1 */
+    double away;                        /* the wish that led above 1 */
+    int64_t cycle;
+    int64_t plain;                      /* cycles that were the path's own samples, in a row */
+    sj_pace next, after;                /* checked: taken over in their cycles, one after the other */
+    int64_t next_at, after_at;          /* after: -1 there is none */
+    int64_t next_known;
+    int32_t next_kind;                  /* enum sj_search_kind; NONE: there is none */
+    int32_t begun, starves;
+    int32_t rung, next_rung;            /* of the present motion, of the next */
+    int32_t reserved;
+    int64_t checked;                    /* path cycles that checked motions count on */
+    sj_search search;
+} sj_player;
+
+/* Needs a begun track. */
+void    sj_player_begin(sj_player *player);
+/* The positions of the next cycle, in run.past[0]; enum sj_pace_status. */
+int32_t sj_player_step(sj_player *player);
+double  sj_player_speed(const sj_player *player);
+/* Whole path cycles passed, and the rest. */
+int64_t sj_player_place(const sj_player *player, double *rest);
+/* Drop the segments from this way-point on; -1: one has begun, or a checked motion counts on it. */
+int32_t sj_player_cut(sj_player *player, int64_t number);
+/* The state of an axis from which an interpolator goes on within the limits of its jerk. */
+void    sj_player_hand_over(const sj_player *player, int32_t axis, sj_state *sample, double *jerk);
 
 /* ---- wiring: the clock (_clock.c) ------------------------------------------------------------ */
 
