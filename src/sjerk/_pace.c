@@ -503,6 +503,7 @@ void sj_player_begin(sj_player *player)
     player->next_kind = SJ_SEARCH_NONE;
     player->next_at = player->after_at = player->next_known = -1;
     player->begun = player->starves = player->rung = player->next_rung = 0;
+    player->rests = TAIL;
 }
 
 /* The first cycle: at full speed at once where enough is known, or a stop has been found. */
@@ -574,12 +575,14 @@ int32_t sj_player_step(sj_player *player)
         tell_differences(player);
         player->plain = 0;
         player->cycle++;
+        player->rests += player->rests < TAIL;
         return player->starves && player->wish > 0.0 ? SJ_PACE_STARVES : SJ_PACE_RESTS;
     }
     pace_step(&run->pace);
     if (place(track, run, position, player->velocity, player->acceleration, player->jerk) != 0)
         return SJ_PACE_LOST;
     player->cycle++;
+    player->rests = 0;
     player->plain = is_plain(&run->pace) ? player->plain + 1 : 0;
     remember(track, run, position);
     if (player->plain == 0)
