@@ -99,7 +99,7 @@ def _kernel(options: argparse.Namespace) -> int:
 def _name(options: argparse.Namespace) -> str:
     if options.name:
         return str(options.name)
-    found = [info.name for info in clean(dry_run=True) if info.in_use]
+    found = [info.name for info in clean(dry_run=True) if info.in_use and not info.companion]
     if len(found) != 1:
         raise InputError("--name", None, f"{len(found)} kernels run: {', '.join(found) or 'none'}")
     return found[0]
