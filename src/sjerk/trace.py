@@ -170,6 +170,8 @@ class Chunk:
                 np.empty(0, message_dtype(axes)),
                 np.empty(0, event_dtype()),
             )
+        if len(chunks) == 1:
+            return chunks[0]
         names = [field.name for field in fields(cls)]
         return cls(*(np.concatenate([getattr(one, name) for one in chunks]) for name in names))
 
@@ -222,6 +224,11 @@ class Trace:
         """Whether the kernel lives."""
         return self.segment.kernel_lives()
 
+    @property
+    def position(self) -> int:
+        """Number of the newest item that was read."""
+        return int(self._cursor[0])
+
     def read(self) -> Chunk | None:
         """The whole cycles since the last call, some thousand at most; None if there are none."""
         before = self._missed[0]
@@ -250,6 +257,19 @@ class Trace:
         chunk.missed[0] += self._lost
         self._lost = lost
         return chunk
+
+    def messages(self) -> list[Chunk]:
+        """Of a trace without frames: what was told since the last call."""
+        found = []
+        while n := self.segment.check(
+            lib.sj_trace_drain(
+                self.segment.base, self._cursor, self._missed, self._room, self._into
+            )
+        ):
+            items = self._buffer[:n]
+            kinds = items[:, 8:12].view(np.int32)[:, 0]
+            found.append(self._chunk(items, kinds, np.empty(0, np.int64)))
+        return found
 
     def _chunk(self, items: NDArray[np.uint8], kinds: NDArray[np.int32], ends: Any) -> Chunk:
         frames = np.ascontiguousarray(items[ends, : lib.sj_trace_frame_bytes(self.axes)])
