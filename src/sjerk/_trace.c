@@ -9,41 +9,59 @@
 #include "_kernel.h"
 #include "_cycle.h"
 
-_Static_assert(sizeof(sj_trace_head) == 16 && sizeof(sj_axis_trace) == 128, "no hidden padding");
-_Static_assert(offsetof(sj_trace_frame, axis) == 64, "no hidden padding");
-_Static_assert(offsetof(sj_trace_message, command) == 16, "no hidden padding");
+_Static_assert(sizeof(sj_trace_head) == 24 && sizeof(sj_axis_trace) == 128, "no hidden padding");
+_Static_assert(offsetof(sj_trace_frame, axis) == 104, "no hidden padding");
+_Static_assert(sizeof(sj_command) <= sizeof(((sj_trace_message *)0)->payload) &&
+               sizeof(sj_record) <= sizeof(((sj_trace_message *)0)->payload), "room for each");
+
+enum { ROW_HEAD = 16 }; /* bytes before the payload of a row */
 
 uint64_t sj_trace_frame_bytes(int32_t axes)
 {
     return offsetof(sj_trace_frame, axis) + (uint64_t)axes * sizeof(sj_axis_trace);
 }
 
-static uint64_t message_bytes(int32_t axes)
-{
-    return offsetof(sj_trace_message, command) + sj_command_bytes(axes);
-}
-
 uint64_t sj_trace_item_bytes(int32_t axes)
 {
-    uint64_t frame = sj_trace_frame_bytes(axes), message = message_bytes(axes);
+    uint64_t command = sj_command_bytes(axes), record = sj_record_bytes(axes);
+    uint64_t message = sizeof(sj_trace_head) + (command > record ? command : record);
+    uint64_t frame = sj_trace_frame_bytes(axes);
     return frame > message ? frame : message;
 }
 
-static sj_trace_head head_of(const sj_kernel *kernel, int32_t kind)
+static sj_trace_head head_of(const sj_kernel *kernel, int32_t kind, uint64_t number)
 {
-    return (sj_trace_head){kernel->feedback.cycle + 1, kind, 0};
+    return (sj_trace_head){kernel->feedback.cycle + 1, number, kind, 0};
 }
 
-static void tell(sj_kernel *kernel, int32_t kind, const void *payload, uint64_t bytes)
+static void tell(sj_kernel *kernel, int32_t kind, uint64_t number, const void *payload,
+                 uint64_t bytes)
 {
     if (kernel->trace == NULL)
         return;
-    kernel->item.message.head = head_of(kernel, kind);
-    memcpy(&kernel->item.message.command, payload, bytes);
+    kernel->item.message.head = head_of(kernel, kind, number);
+    memcpy(kernel->item.message.payload, payload, bytes);
     sj_event_publish(kernel->trace, &kernel->item);
 }
 
 /* ---- what is taken ---- */
+
+/* The next row if it is of this cycle; then it is used up. */
+static const uint8_t *given_row(const sj_kernel *kernel, sj_trace_rows *rows, uint64_t bytes,
+                                uint64_t *number)
+{
+    const uint8_t *row = rows->at;
+    uint64_t cycle;
+    if (rows->count <= 0)
+        return NULL;
+    memcpy(&cycle, row, sizeof cycle);
+    memcpy(number, row + sizeof cycle, sizeof *number);
+    if (cycle != kernel->given.frame->head.cycle)
+        return NULL;
+    rows->at += ROW_HEAD + bytes;
+    rows->count--;
+    return row + ROW_HEAD;
+}
 
 int32_t sj_trace_host(sj_kernel *kernel, uint64_t now_ns)
 {
@@ -52,27 +70,57 @@ int32_t sj_trace_host(sj_kernel *kernel, uint64_t now_ns)
     return sj_shm_host_state(kernel->segment, now_ns);
 }
 
-static int32_t given_command(sj_kernel *kernel)
+void sj_trace_see(sj_kernel *kernel)
 {
-    sj_trace_given *given = &kernel->given;
-    if (given->frame->collected == 1) {
-        if (given->count <= 0)
-            return 0; /* a command is missing: the frame will differ */
-        memcpy(&kernel->incoming, given->messages, sj_command_bytes(kernel->axes));
-        given->messages += given->message_bytes;
-        given->count--;
-    }
-    return given->frame->collected;
+    const sj_trace_frame *given = kernel->given.frame;
+    kernel->ring_seen = given != NULL ? given->ring_seen : sj_ring_published(kernel->segment);
+    kernel->ring_published = kernel->ring_seen;
+    kernel->ring_status = 0;
 }
 
 int32_t sj_trace_collect(sj_kernel *kernel)
 {
-    int32_t status = kernel->given.frame != NULL
-                         ? given_command(kernel)
-                         : sj_command_collect(kernel->segment, &kernel->incoming);
-    kernel->collected = status;
+    const uint64_t bytes = sj_command_bytes(kernel->axes);
+    const sj_trace_frame *given = kernel->given.frame;
+    uint64_t number = 0;
+
+    if (given != NULL) {
+        const uint8_t *row = given_row(kernel, &kernel->given.commands, bytes, &number);
+        if (row != NULL)
+            memcpy(&kernel->incoming, row, bytes);
+        kernel->collected = row != NULL ? 1 : given->collected == 1 ? 0 : given->collected;
+        kernel->ring_published = given->ring_published;
+    } else {
+        kernel->collected = sj_command_collect(kernel->segment, &kernel->incoming);
+        /* after the command: it counts records that were published before it */
+        kernel->ring_published = sj_ring_published(kernel->segment);
+    }
+    if (kernel->collected == 1)
+        tell(kernel, SJ_TRACE_COMMAND, number, &kernel->incoming, bytes);
+    return kernel->collected;
+}
+
+int32_t sj_trace_take(sj_kernel *kernel, sj_record *record)
+{
+    const uint64_t bytes = sj_record_bytes(kernel->axes);
+    const sj_trace_frame *given = kernel->given.frame;
+    int32_t status;
+
+    if (given != NULL) {
+        const uint8_t *row = given_row(kernel, &kernel->given.records, bytes, &kernel->ring_taken);
+        if (row != NULL)
+            memcpy(record, row, bytes);
+        else
+            kernel->ring_taken = given->ring_taken;
+        status = row != NULL ? 1 : given->ring_status;
+    } else {
+        status = sj_ring_take(kernel->segment, record);
+        kernel->ring_taken = sj_ring_taken(kernel->segment);
+    }
     if (status == 1)
-        tell(kernel, SJ_TRACE_COMMAND, &kernel->incoming, sj_command_bytes(kernel->axes));
+        tell(kernel, SJ_TRACE_RECORD, kernel->ring_taken, record, bytes);
+    else
+        kernel->ring_status = status;
     return status;
 }
 
@@ -81,7 +129,7 @@ int32_t sj_trace_collect(sj_kernel *kernel)
 void sj_trace_event(sj_kernel *kernel, const sj_kernel_event *event)
 {
     sj_event_publish(kernel->segment, event);
-    tell(kernel, SJ_TRACE_EVENT, event, sizeof *event);
+    tell(kernel, SJ_TRACE_EVENT, 0, event, sizeof *event);
 }
 
 static uint32_t flags_of(const sj_axis *ax)
@@ -123,13 +171,18 @@ void sj_trace_close(sj_kernel *kernel)
     sj_trace_frame *frame = kernel->frame_out != NULL ? kernel->frame_out : &kernel->item.frame;
     if (kernel->trace == NULL && kernel->frame_out == NULL)
         return;
-    frame->head = (sj_trace_head){kernel->feedback.cycle, SJ_TRACE_FRAME, 0};
+    frame->head = (sj_trace_head){kernel->feedback.cycle, 0, SJ_TRACE_FRAME, 0};
     frame->time_ns = kernel->feedback.time_ns;
     frame->late = kernel->feedback.late;
+    frame->ring_seen = kernel->ring_seen;
+    frame->ring_published = kernel->ring_published;
+    frame->ring_taken = kernel->ring_taken;
+    frame->ring_status = kernel->ring_status;
     frame->host_state = kernel->host_state;
     frame->ending = kernel->ending;
     frame->collected = kernel->collected;
     frame->hold = kernel->hold;
+    frame->reserved = 0;
     frame->override = kernel->override;
     frame->sequence = kernel->feedback.sequence;
     for (int32_t i = 0; i < kernel->axes; i++)

@@ -23,7 +23,7 @@ from sjerk.errors import InputError, positive
 from sjerk.feedback import Event, EventKind
 from sjerk.kernel import Axis, MotionKernel, Reactions
 from sjerk.profile import Limits
-from sjerk.trace import Chunk, Trace, event_dtype, frame_dtype, message_dtype
+from sjerk.trace import Chunk, Trace, event_dtype, frame_dtype, row_dtype
 
 FloatArray = NDArray[np.float64]
 _ROWS = 4096  # cycles of one piece of a file
@@ -37,9 +37,7 @@ def _flat(kind: np.dtype[Any], prefix: str = "") -> Iterator[tuple[str, tuple[st
     for name in kind.names or ():
         inner = kind[name].base
         path = (name,)
-        if name in ("reserved", "kind") and prefix == "head_":
-            continue
-        if name == "reserved":
+        if name == "reserved" or (prefix == "head_" and name != "cycle"):
             continue
         if inner.names:
             below = "" if name in ("head", "axis") else f"{name.rstrip('s')}_"
@@ -71,23 +69,30 @@ def _from_columns(columns: dict[str, NDArray[Any]], kind: np.dtype[Any], n: int)
 
 def _tables(chunk: Chunk) -> storage.Tables:
     frames = _to_columns(chunk.frames) | {"missed": chunk.missed}
-    commands = {"cycle": chunk.commands["cycle"], "data": chunk.commands["data"]}
-    return {storage.FRAMES: frames, "commands": commands, "events": _to_columns(chunk.events)}
+    found = {storage.FRAMES: frames, "events": _to_columns(chunk.events)}
+    for name in ("commands", "records"):
+        rows = getattr(chunk, name)
+        found[name] = {part: rows[part] for part in rows.dtype.names}
+    return found
 
 
 def _chunk(tables: storage.Tables, axes: int) -> Chunk:
-    frames, taken, told = (tables.get(name, {}) for name in (storage.FRAMES, "commands", "events"))
-    n, m, k = (len(table.get("cycle", ())) for table in (frames, taken, told))
-    commands = np.empty(m, message_dtype(axes))
-    for name in commands.dtype.names or () if m else ():
-        data = np.ascontiguousarray(taken[name])
-        commands[name] = data.view(commands.dtype[name]).reshape(m)
+    frames, told = (tables.get(name, {}) for name in (storage.FRAMES, "events"))
+    n, k = (len(table.get("cycle", ())) for table in (frames, told))
     return Chunk(
         _from_columns(frames, frame_dtype(axes), n),
         np.array(frames["missed"], np.uint64),
-        commands,
+        _rows(tables.get("commands", {}), row_dtype(axes, "command")),
+        _rows(tables.get("records", {}), row_dtype(axes, "record")),
         _from_columns(told, event_dtype(), k) if k else np.empty(0, event_dtype()),
     )
+
+
+def _rows(table: dict[str, NDArray[Any]], kind: np.dtype[Any]) -> NDArray[Any]:
+    rows = np.empty(len(table.get("cycle", ())), kind)
+    for name in kind.names or () if len(rows) else ():
+        rows[name] = np.ascontiguousarray(table[name]).view(kind[name]).reshape(len(rows))
+    return rows
 
 
 # ---- writing -------------------------------------------------------------------------------------
@@ -358,3 +363,8 @@ class Recording:
     def commands(self) -> NDArray[Any]:
         """What was taken: ``cycle``, and ``data``, the bytes of the ``sj_command``."""
         return self.all.commands
+
+    @property
+    def records(self) -> NDArray[Any]:
+        """Records of the ring as they were taken: ``cycle``, ``number``, ``data``."""
+        return self.all.records

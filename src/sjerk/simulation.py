@@ -63,7 +63,7 @@ def simulate(
             action(host)
         _run(raw, trace, told, memory, stride, at, cycles, period)
     whole = Chunk.joined(told, axes)
-    found = Chunk(frames, np.zeros(cycles, np.uint64), whole.commands, whole.events)
+    found = Chunk(frames, np.zeros(cycles, np.uint64), whole.commands, whole.records, whole.events)
     return Recording(trace.description, lambda: iter((found,)))
 
 
@@ -157,12 +157,11 @@ def replay(recording: Recording | Path | str) -> Replay:
     for chunk in recording.chunks():
         cycle = chunk.frames["head"]["cycle"].astype(np.int64)
         _check(recording, chunk, cycle, expected)
-        data = np.ascontiguousarray(chunk.commands["data"])
+        rows = [np.ascontiguousarray(r) for r in (chunk.commands, chunk.records)]
+        inputs = [x for r in rows for x in (len(r), ffi.from_buffer(r))]
         frames = np.ascontiguousarray(chunk.frames)
         begun = time.perf_counter()
-        same = lib.sj_virtual_replay(
-            raw, len(frames), ffi.from_buffer(frames), len(data), ffi.from_buffer(data)
-        )
+        same = lib.sj_virtual_replay(raw, len(frames), ffi.from_buffer(frames), *inputs)
         seconds += time.perf_counter() - begun
         if same < len(frames):
             size = frames.dtype.itemsize

@@ -12,7 +12,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from functools import cache
-from typing import Any, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,7 @@ from sjerk._binding import ffi, lib
 from sjerk.errors import SegmentLayoutError, SegmentNotReadyError
 from sjerk.handshake import TRACE, Layout, Segment
 
+_KIND = slice(16, 20)  # of an item: bytes of sj_trace_head.kind
 _SECONDS = 4.0  # of cycles that are kept for a reader that is late
 _LEAST, _MOST, _MOST_BYTES = 256, 2**14, 2**25
 
@@ -42,8 +43,8 @@ def layout(axes: int, cycle_time: float, description: int) -> Layout:
 
 @cache
 def _abi() -> int:
-    text = str([frame_dtype(1).descr, message_dtype(1).descr, event_dtype().descr])
-    text += str(dtype_of("sj_axis_command").descr)
+    text = str([frame_dtype(1).descr, command_dtype(1).descr, event_dtype().descr])
+    text += str(_dtype(ffi.typeof("sj_record"), 1).descr)
     return int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "little")
 
 
@@ -97,10 +98,10 @@ def command_dtype(axes: int) -> np.dtype[Any]:
 
 
 @cache
-def message_dtype(axes: int) -> np.dtype[Any]:
-    """Cycle and bytes of one command."""
-    size = int(lib.sj_command_bytes(axes))
-    return np.dtype([("cycle", "u8"), ("data", np.dtype((np.void, size)))])
+def row_dtype(axes: int, what: Literal["command", "record"]) -> np.dtype[Any]:
+    """Cycle, number and bytes of one command, or of one record of the ring."""
+    size = int((lib.sj_command_bytes if what == "command" else lib.sj_record_bytes)(axes))
+    return np.dtype([("cycle", "u8"), ("number", "u8"), ("data", np.dtype((np.void, size)))])
 
 
 @cache
@@ -146,13 +147,14 @@ class Chunk:
     """Consecutive cycles of a trace.
 
     ``frames``: structured (cycles,), one ``sj_trace_frame`` each. ``missed`` (cycles,): items that
-    were lost before each. ``commands``: structured ``cycle``, ``data``; ``events``: structured
-    ``sj_kernel_event``; both in order.
+    were lost before each. ``commands`` and ``records``: structured ``cycle``, ``number``, ``data``;
+    ``events``: structured ``sj_kernel_event``; all in order.
     """
 
     frames: NDArray[Any]
     missed: NDArray[np.uint64]
     commands: NDArray[Any]
+    records: NDArray[Any]
     events: NDArray[Any]
 
     @property
@@ -167,7 +169,8 @@ class Chunk:
             return cls(
                 np.empty(0, frame_dtype(axes)),
                 np.empty(0, np.uint64),
-                np.empty(0, message_dtype(axes)),
+                np.empty(0, row_dtype(axes, "command")),
+                np.empty(0, row_dtype(axes, "record")),
                 np.empty(0, event_dtype()),
             )
         if len(chunks) == 1:
@@ -243,7 +246,7 @@ class Trace:
             return None
         # a loss lies before the last item that was drained
         items = np.concatenate([self._rest, self._buffer[:found]])
-        kinds = items[:, 8:12].view(np.int32)[:, 0]
+        kinds = items[:, _KIND].view(np.int32)[:, 0]
         ends = np.flatnonzero(kinds == lib.SJ_TRACE_FRAME)
         whole = int(ends[-1]) + 1 if len(ends) else 0
         self._rest = items[whole:].copy()
@@ -267,26 +270,28 @@ class Trace:
             )
         ):
             items = self._buffer[:n]
-            kinds = items[:, 8:12].view(np.int32)[:, 0]
+            kinds = items[:, _KIND].view(np.int32)[:, 0]
             found.append(self._chunk(items, kinds, np.empty(0, np.int64)))
         return found
 
     def _chunk(self, items: NDArray[np.uint8], kinds: NDArray[np.int32], ends: Any) -> Chunk:
         frames = np.ascontiguousarray(items[ends, : lib.sj_trace_frame_bytes(self.axes)])
-        taken = np.ascontiguousarray(items[kinds == lib.SJ_TRACE_COMMAND])
         told = np.ascontiguousarray(items[kinds == lib.SJ_TRACE_EVENT])
-        head, size = ffi.sizeof("sj_trace_head"), int(lib.sj_command_bytes(self.axes))
-        commands = np.empty(len(taken), message_dtype(self.axes))
-        commands["cycle"] = taken[:, :8].copy().view(np.uint64)[:, 0]
-        data = np.ascontiguousarray(taken[:, head : head + size])
-        commands["data"] = data.view(np.dtype((np.void, size)))[:, 0]
+        head = ffi.sizeof("sj_trace_head")
         event = np.ascontiguousarray(told[:, head : head + event_dtype().itemsize])
         return Chunk(
             frames.view(frame_dtype(self.axes))[:, 0],
             np.zeros(len(frames), np.uint64),
-            commands,
+            self._rows(items[kinds == lib.SJ_TRACE_COMMAND], row_dtype(self.axes, "command")),
+            self._rows(items[kinds == lib.SJ_TRACE_RECORD], row_dtype(self.axes, "record")),
             event.view(event_dtype())[:, 0],
         )
+
+    def _rows(self, items: NDArray[np.uint8], kind: np.dtype[Any]) -> NDArray[Any]:
+        """Cycle, number, and the payload behind the whole head."""
+        head, size = ffi.sizeof("sj_trace_head"), kind["data"].itemsize
+        part = np.concatenate([items[:, :16], items[:, head : head + size]], axis=1)
+        return np.ascontiguousarray(part).view(kind)[:, 0]
 
     def close(self) -> None:
         """Let go of the segment."""
