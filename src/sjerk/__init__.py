@@ -27,6 +27,8 @@ from sjerk.kernel import Axis, Image, MotionKernel, Reactions
 from sjerk.path import Path, Progress
 from sjerk.planning import Motion, Plans, plan, plan_many, plan_velocity
 from sjerk.profile import Extrema, Limits, Phase, Profile, Range, Samples, State, scurve
+from sjerk.recording import Gap, Recorder, Recording
+from sjerk.simulation import Difference, Replay, replay, simulate
 from sjerk.states import AxisState
 from sjerk.trajectory import ExecutionMode, Fault, FaultKind, Trajectory, TrajectoryError, resample
 
@@ -36,6 +38,7 @@ __all__ = [
     "AxisState",
     "Clock",
     "ClockReport",
+    "Difference",
     "Drive",
     "DriveConfig",
     "Event",
@@ -46,6 +49,7 @@ __all__ = [
     "FaultKind",
     "Feedback",
     "Followed",
+    "Gap",
     "Grant",
     "Host",
     "Image",
@@ -68,7 +72,10 @@ __all__ = [
     "Progress",
     "Range",
     "Reactions",
+    "Recorder",
+    "Recording",
     "RefusedError",
+    "Replay",
     "Samples",
     "Segment",
     "SjerkError",
@@ -83,6 +90,8 @@ __all__ = [
     "plan",
     "plan_many",
     "plan_velocity",
+    "replay",
     "resample",
     "scurve",
+    "simulate",
 ]

@@ -93,9 +93,7 @@ class Path:
     motion comes to rest on the path and goes on by itself when they do.
     """
 
-    def __init__(
-        self, host: Commander, blocks: Blocks, axes: Sequence[int]
-    ) -> None:
+    def __init__(self, host: Commander, blocks: Blocks, axes: Sequence[int]) -> None:
         """Not for callers: ``Host.follow`` makes it."""
         self._host = host
         self._axes = list(axes)
