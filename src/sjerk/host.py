@@ -29,6 +29,7 @@ from sjerk.errors import (
 )
 from sjerk.feedback import Event, EventKind, Feedback, limits_of
 from sjerk.handshake import Layout, Segment
+from sjerk.path import Blocks, Path
 from sjerk.planning import Synchronization, check_target, code_of, cycles_of
 from sjerk.profile import Limits, State
 
@@ -46,9 +47,15 @@ REASONS = {
     lib.SJ_RESULT_STATE: "the axis is stopping, homing, or has an error",
     lib.SJ_RESULT_LIMIT: "it would leave the position limits of the axis",
     lib.SJ_RESULT_SPEED: "faster than the drive follows",
+    lib.SJ_RESULT_KIND: "a record that is none, or not in its place",
+    lib.SJ_RESULT_START: "the path does not begin where the axes are: move there first",
+    lib.SJ_RESULT_SEGMENT: "a segment is none, or does not go on from the one before",
+    lib.SJ_RESULT_BEGUN: "what it is to replace has begun, or its path is over",
 }
 _EVENTS = 1024
+_RECORDS = 512
 _RESULTS = 4096
+_HOST_SHIFT = 40
 
 
 @cache
@@ -57,6 +64,8 @@ def layout(axes: int) -> Layout:
     return Layout(
         command_bytes=lib.sj_command_bytes(axes),
         feedback_bytes=lib.sj_feedback_bytes(axes),
+        record_bytes=lib.sj_record_bytes(axes),
+        record_capacity=_RECORDS,
         event_bytes=ffi.sizeof("sj_kernel_event"),
         event_capacity=_EVENTS,
         abi=_abi(),
@@ -74,7 +83,7 @@ def _abi() -> int:
             return str(ctype.cname)
         return "".join(f"{n}:{f.offset}:{describe(f.type)};" for n, f in ctype.fields)
 
-    payloads = ("sj_command", "sj_feedback", "sj_kernel_event")
+    payloads = ("sj_command", "sj_feedback", "sj_record", "sj_kernel_event")
     text = "".join(describe(ffi.typeof(name)) for name in payloads)
     return int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "little")
 
@@ -339,8 +348,10 @@ class Host(_Reader):
         self._command.override = 1.0
         self._cursor = ffi.new("uint64_t *", lib.sj_event_latest(segment.base))
         self._results: dict[int, tuple[int, int]] = {}
+        self._path_states: dict[int, int] = {}
         self._lock = threading.Lock()  # cffi lets other threads run: two would write as one
         self._T = 0.0
+        self._goals = 0  # the newest goal id given
         if cyclic:
             self._wait_until(lambda frame: True, 5.0, "the first cycle")
             self._go_on(self._frame())
@@ -351,6 +362,8 @@ class Host(_Reader):
         self._T = frame.cycle_time_s
         command.sequence, command.goal_id = frame.sequence, frame.result_goal_id
         command.override, command.hold = frame.override, frame.hold
+        epoch = int(lib.sj_shm_host_epoch(self._segment.base))
+        self._goals = (epoch - 1) << _HOST_SHIFT  # above all that hosts before gave
         for i in range(self._axes):
             for name in ("enable", "halts", "quick_stops", "resets", "limit_sets"):
                 setattr(command.axis[i], name, getattr(frame.axis[i], name))
@@ -408,6 +421,9 @@ class Host(_Reader):
                 if self._event.kind == EventKind.GOAL:
                     self._results[self._event.goal_id] = (self._event.code, self._event.axis)
                     self._results.pop(self._event.goal_id - _RESULTS, None)
+                elif self._event.kind == EventKind.PATH:
+                    self._path_states[self._event.goal_id] = self._event.code
+                    self._path_states.pop(self._event.goal_id - _RESULTS, None)
         return self._results.get(goal_id)
 
     # ---- commanding
@@ -418,6 +434,24 @@ class Host(_Reader):
         self._check_kernel("commanding")
         self._command.sequence += 1
         self._segment.check(lib.sj_command_publish(self._segment.base, self._command))
+
+    def _next_goal(self) -> int:
+        """The id of a new goal, direct or in a record; under the lock."""
+        self._goals = max(self._goals, int(self._command.goal_id)) + 1
+        return self._goals
+
+    def _publish_records(self, records: Any, count: int) -> int:
+        """Publish ``sj_record``s that lie ``record_bytes`` apart, all or none; under the lock.
+
+        Returns the ring number of the last one, or 0: no room for all of them now.
+        """
+        if self._closed:
+            raise SjerkError("this host has left its kernel")
+        self._check_kernel("commanding")
+        base = self._segment.base
+        if not self._segment.check(lib.sj_ring_publish(base, records, count)):
+            return 0
+        return int(lib.sj_ring_published(base))
 
     def _chosen(self, axes: Axes) -> list[int]:
         if axes is None:
@@ -434,6 +468,8 @@ class Host(_Reader):
             for i in axes:
                 entry = self._command.axis[i]
                 setattr(entry, edge, (getattr(entry, edge) + 1) % 2**32)
+            if edge != "resets":
+                self._command.stop_records = lib.sj_ring_published(self._segment.base)
             self._publish()
             return int(self._command.sequence)
 
@@ -466,11 +502,19 @@ class Host(_Reader):
         with self._lock:
             for i in chosen:
                 self._command.axis[i].enable = level
+            if not level:
+                self._command.stop_records = lib.sj_ring_published(self._segment.base)
             self._publish()
         return chosen
 
     def reset(self, *, axes: Axes = None, timeout: float | None = 5.0) -> None:
-        """Reset the faults of drives, and the kernel's own errors, once."""
+        """Reset the faults of drives, and the kernel's own errors, once.
+
+        A look-ahead ring that a wild writer has spoilt is emptied.
+        """
+        frame = self._read()
+        if frame is not None and frame.ring_spoilt:
+            lib.sj_ring_flush(self._segment.base)
         self._taken(self._count("resets", self._chosen(axes)), timeout, "the reset")
 
     def halt(self, timeout: float | None = 30.0, *, axes: Axes = None) -> None:
@@ -588,6 +632,30 @@ class Host(_Reader):
         kind = lib.SJ_GOAL_RELATIVE if relative else lib.SJ_GOAL_ABSOLUTE
         return self._goal(kind, targets, own, code, least)
 
+    def follow(
+        self,
+        blocks: Blocks,
+        *,
+        axes: Sequence[int] | None = None,
+    ) -> Path:
+        """Play a followed trajectory in the kernel's cycle: what ``follow``, ``follow_path`` give.
+
+        ``blocks`` are consumed as the kernel takes them, by a thread, or by ``Path.pump`` in a
+        caller's own loop; a source may yield None where its next block is not there yet. ``axes``:
+        one per joint, else all in order. The path begins from rest at its first way-point (``move``
+        there before) when the axes are at rest and no other path plays; what comes later for these
+        axes waits for its end. Returns at once; the handle tells the rest. Raises InputError, and
+        what the source of the blocks raises at first; a refusal by the kernel is raised by
+        ``Path.wait``.
+        """
+        chosen = self._chosen(None if axes is None else list(axes))
+        if len(set(chosen)) != len(chosen):
+            raise InputError("axes", chosen, "must differ")
+        return Path(self, blocks, chosen)
+
+    def _refusal(self, code: int, axis: int) -> RefusedError:
+        return RefusedError(code, REASONS[code], axis)
+
     def jog(
         self,
         velocity: float | dict[int, float],
@@ -648,7 +716,8 @@ class Host(_Reader):
                     entry.goal_velocity = targets[i].velocity * self._T
                     rows = own[i]._per_cycle(self._T)
                     ffi.memmove(ffi.addressof(entry, "limits"), rows, len(rows))
-            command.goal_id += 1
+            command.goal_id = self._next_goal()
+            command.goal_records = lib.sj_ring_published(self._segment.base)
             self._publish()
             known = kind == lib.SJ_GOAL_ABSOLUTE
             return Move(self, int(command.goal_id), targets, known=known)
