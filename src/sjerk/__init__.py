@@ -40,6 +40,7 @@ from sjerk.recording import Gap, Recorder, Recording
 from sjerk.simulation import Difference, Replay, replay, simulate
 from sjerk.states import AxisState
 from sjerk.streaming import GoalStream, StreamReport
+from sjerk.thinning import Thinned, follow_within
 from sjerk.trajectory import ExecutionMode, Fault, FaultKind, Trajectory, TrajectoryError, resample
 
 __all__ = [
@@ -98,6 +99,7 @@ __all__ = [
     "State",
     "StreamReport",
     "SupersededError",
+    "Thinned",
     "Timing",
     "Tolerance",
     "Trajectory",
@@ -106,6 +108,7 @@ __all__ = [
     "follow",
     "follow_path",
     "follow_stops",
+    "follow_within",
     "plan",
     "plan_many",
     "plan_velocity",

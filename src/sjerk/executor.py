@@ -26,6 +26,7 @@ from sjerk.joining import Knot, join
 from sjerk.path import Path
 from sjerk.profile import FloatArray, Limits
 from sjerk.states import AxisState
+from sjerk.thinning import follow_within
 from sjerk.trajectory import (
     ExecutionMode,
     Fault,
@@ -185,16 +186,18 @@ class Settings:
     ``execution_mode``: every way-point, or only the last by one planned motion.
     ``resampling_delta`` (axis units): way-points nearer to the next one kept are left out; 0: none
     are. ``speed``: 0 .. 2, as ``GoalHandle.speed``. ``use_velocities``: those of the trajectory, or
-    ones chosen so that the jerk is constant. Tolerances by joint; ``goal_time`` (s) that the joints
-    may take to come within the goal's after the motion, 0 for ever; ``stopped_velocity`` that
-    counts as rest. ``start_tolerance``: a first way-point at time 0 further away is refused; None:
-    it is gone to first.
+    ones chosen so that the jerk is constant. ``tolerance`` (axis units): way-points, dense ones
+    above all, are passed so near (``follow_within``); 0: met. Tolerances by joint; ``goal_time``
+    (s) that the joints may take to come within the goal's after the motion, 0 for ever;
+    ``stopped_velocity`` that counts as rest. ``start_tolerance``: a first way-point at time 0
+    further away is refused; None: it is gone to first.
     """
 
     execution_mode: ExecutionMode = ExecutionMode.FULL_TRAJECTORY
     resampling_delta: float = 0.0
     speed: float = 1.0
     use_velocities: bool = False
+    tolerance: float = 0.0
     allow_partial_joints: bool = False
     allow_end_velocity: bool = False
     path_tolerance: Mapping[str, Tolerance] = field(default_factory=dict)
@@ -210,7 +213,7 @@ class Settings:
             known = ", ".join(mode.value for mode in ExecutionMode)
             raise InputError("execution_mode", self.execution_mode, f"must be {known}") from fault
         object.__setattr__(self, "execution_mode", mode)
-        for name in ("resampling_delta", "goal_time", "stopped_velocity"):
+        for name in ("resampling_delta", "tolerance", "goal_time", "stopped_velocity"):
             if real(name, getattr(self, name)) < 0.0:
                 raise InputError(name, getattr(self, name), "must not be negative")
         if not 0.0 <= real("speed", self.speed) <= 2.0:
@@ -460,8 +463,12 @@ class TrajectoryExecutor:
                 velocity[0] = 0.0
         if len(position) > 1:
             body = Trajectory(way.joint_names, moments, position, velocity)
-            given = settings.use_velocities
-            blocks.append(follow(body, limits, self._T, use_velocities=given))
+            if settings.tolerance:
+                near = follow_within(body, limits, self._T, tolerance=settings.tolerance)
+                blocks.append(iter(near.blocks))
+            else:
+                given = settings.use_velocities
+                blocks.append(follow(body, limits, self._T, use_velocities=given))
         elif not blocks:
             blocks.append(iter([_dwell(at, 1, self._T)]))
         return _numbered(itertools.chain(*blocks), way.joint_names)
@@ -499,7 +506,9 @@ class TrajectoryExecutor:
             return
         told = self._feedback_of(goal, frame)
         goal._feedback = told
-        if self._on_feedback is not None and self._clock() - self._told >= self._every:
+        if self._on_feedback is not None and self._clock() - self._told >= self._every * (
+            1.0 - 1e-6
+        ):
             self._told = self._clock()
             self._on_feedback(goal, told)
         assert self._path is not None
@@ -550,7 +559,7 @@ class TrajectoryExecutor:
             yield block
 
     def _settle(self, goal: GoalHandle, told: GoalFeedback) -> None:
-        """The command has arrived: the joints are within the goal's tolerance, or have time left."""
+        """The command has arrived: the joints are within tolerance, or have time left."""
         wrong = [w for k, t in enumerate(goal._goal_tolerance) if (w := _violated(told, k, t))]
         checked = any(tolerance != Tolerance() for tolerance in goal._goal_tolerance)
         fast = np.flatnonzero(np.abs(told.actual_velocity) > goal._settings.stopped_velocity)
