@@ -22,6 +22,11 @@ uint64_t sj_feedback_bytes(int32_t axes)
     return offsetof(sj_feedback, axis) + (uint64_t)axes * sizeof(sj_axis_feedback);
 }
 
+uint64_t sj_feedback_times(void)
+{
+    return offsetof(sj_feedback, cycle);
+}
+
 /* 0, or -1: the number of axes is out of range. Then every axis must be set. */
 int32_t sj_kernel_init(sj_kernel *kernel, void *segment, int32_t axes, double cycle_time_s)
 {
@@ -325,6 +330,12 @@ static void drive(sj_kernel *kernel, int32_t i)
         ax->reset--;
 }
 
+static void keep_peak(double *peak, double x)
+{
+    if (fabs(x) > *peak)
+        *peak = fabs(x);
+}
+
 static void report(const sj_kernel *kernel, int32_t i, sj_axis_feedback *out)
 {
     const sj_axis *ax = &kernel->axis[i];
@@ -334,9 +345,9 @@ static void report(const sj_kernel *kernel, int32_t i, sj_axis_feedback *out)
     out->velocity = ip->v.hi;
     out->acceleration = ip->a.hi;
     out->jerk = ip->j.hi;
-    out->peak_velocity = fmax(out->peak_velocity, fabs(ip->v.hi));
-    out->peak_acceleration = fmax(out->peak_acceleration, fabs(ip->a.hi));
-    out->peak_jerk = fmax(out->peak_jerk, fabs(ip->j.hi));
+    keep_peak(&out->peak_velocity, ip->v.hi);
+    keep_peak(&out->peak_acceleration, ip->a.hi);
+    keep_peak(&out->peak_jerk, ip->j.hi);
     out->actual_position = (double)ax->actual_counts / ax->config.counts_per_unit;
     out->actual_velocity =
         tx->velocity_actual * kernel->feedback.cycle_time_s / ax->config.counts_per_unit;
@@ -387,7 +398,8 @@ void sj_kernel_cycle(sj_kernel *kernel, uint64_t now_ns)
     kernel->feedback.hold = kernel->hold;
     kernel->feedback.kernel_epoch = sj_shm_kernel_epoch(kernel->segment);
     sj_shm_beat_kernel(kernel->segment, now_ns);
-    sj_feedback_publish(kernel->segment, &kernel->feedback);
+    sj_feedback_publish(kernel->segment,
+                        kernel->own_loop ? (const void *)&kernel->feedback.cycle : &kernel->feedback);
 }
 
 void sj_kernel_cycles(sj_kernel *kernel, int64_t cycles)

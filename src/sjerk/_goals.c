@@ -548,3 +548,23 @@ void sj_goal_reached(sj_kernel *kernel, int32_t axis)
             ax->interpolator = kernel->trial[0];
     }
 }
+
+/* Two axes by turns, to a goal that needs all phases; into kernel->plan and trial, which nothing
+ * reads between cycles. */
+void sj_goal_rehearse(sj_kernel *kernel)
+{
+    const uint64_t axes = (uint64_t)kernel->axes;
+    int32_t chosen[2], n = axes > 1 ? 2 : 1, refused, synchronization = SJ_SYNC_TIME;
+    sj_axis_goal goals[2];
+    double ways[2];
+    for (int32_t i = 0; i < n; i++) {
+        const sj_axis *ax;
+        chosen[i] = (int32_t)((kernel->feedback.cycle + (uint64_t)i) % axes);
+        ax = &kernel->axis[chosen[i]];
+        goals[i] = (sj_axis_goal){.kind = SJ_GOAL_ABSOLUTE, .limits = ax->config.limits};
+        goals[i].goal = ax->interpolator.q.hi + 4.0 * goals[i].limits.velocity *
+                                                    goals[i].limits.velocity /
+                                                    goals[i].limits.acceleration;
+    }
+    plan_goals(kernel, chosen, goals, n, &synchronization, 0, 0, &refused, ways);
+}

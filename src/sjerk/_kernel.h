@@ -863,7 +863,10 @@ typedef struct {
     uint64_t spin_ns;                   /* busy wait of an idle cycle */
 } sj_clock_report;
 
+/* Times first: a kernel in a caller's own loop has none and publishes from `cycle` on. */
 typedef struct {
+    sj_histogram latency, period, computing;
+    sj_clock_report clock;
     uint64_t cycle;                     /* cycles since start */
     uint64_t time_ns;                   /* CLOCK_MONOTONIC at its begin, 0 in a caller's own loop */
     uint64_t sequence;                  /* newest command taken */
@@ -874,8 +877,6 @@ typedef struct {
     double cycle_time_s, override;
     int32_t result, result_axis;        /* enum sj_result; axis that refused, or -1 */
     int32_t axes, ending, hold, reserved;
-    sj_clock_report clock;
-    sj_histogram latency, period, computing;
     sj_axis_feedback axis[64];
 } sj_feedback;
 
@@ -921,7 +922,7 @@ typedef struct {
     int32_t ended;                      /* the end has been seen */
     int32_t host_state;
     int32_t hold;
-    int32_t reserved;
+    int32_t own_loop;                   /* 1: nothing clocks it; frames are without times */
     double override;
     uint64_t goal_id, late;
     int32_t reaction[8];                /* enum sj_reaction by enum sj_cause */
@@ -937,11 +938,14 @@ typedef struct {
 
 uint64_t sj_command_bytes(int32_t axes);
 uint64_t sj_feedback_bytes(int32_t axes);
+uint64_t sj_feedback_times(void);       /* bytes before `cycle` */
 int32_t  sj_kernel_init(sj_kernel *kernel, void *segment, int32_t axes, double cycle_time_s);
 int32_t  sj_kernel_axis(sj_kernel *kernel, int32_t axis, const sj_drive_config *drive,
                         const sj_axis_config *config);
 void     sj_kernel_cycle(sj_kernel *kernel, uint64_t now_ns);
 void     sj_kernel_cycles(sj_kernel *kernel, int64_t cycles); /* in a caller's own loop */
+/* Between cycles: a plan that nothing uses, so that the planner is in the caches when it is needed. */
+void     sj_goal_rehearse(sj_kernel *kernel);
 int32_t  sj_kernel_at_rest(const sj_kernel *kernel);    /* nothing moves, no drive is enabled */
 
 /* ---- wiring: the clock (_clock.c) ------------------------------------------------------------ */

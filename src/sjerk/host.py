@@ -52,11 +52,11 @@ _RESULTS = 4096
 
 
 @cache
-def layout(axes: int) -> Layout:
-    """Layout of the segment of a kernel with so many axes."""
+def layout(axes: int, *, clocked: bool = True) -> Layout:
+    """Layout of the segment of a kernel with so many axes; ``clocked``: in a process of its own."""
     return Layout(
         command_bytes=lib.sj_command_bytes(axes),
-        feedback_bytes=lib.sj_feedback_bytes(axes),
+        feedback_bytes=lib.sj_feedback_bytes(axes) - (0 if clocked else lib.sj_feedback_times()),
         event_bytes=ffi.sizeof("sj_kernel_event"),
         event_capacity=_EVENTS,
         abi=_abi(),
@@ -83,7 +83,8 @@ def axes_of(segment: Segment) -> int:
     """How many axes the kernel of a segment has; raises SegmentLayoutError for another version."""
     whole, one = lib.sj_command_bytes(1), lib.sj_command_bytes(2) - lib.sj_command_bytes(1)
     axes = (segment.layout.command_bytes - whole) // one + 1
-    if not 1 <= axes <= lib.SJ_AXES or segment.layout != layout(axes):
+    known = (layout(axes, clocked=clocked) for clocked in (True, False))
+    if not 1 <= axes <= lib.SJ_AXES or segment.layout not in known:
         raise SegmentLayoutError(f"{segment.name!r} is of another version", name=segment.name)
     return int(axes)
 
@@ -216,6 +217,8 @@ class _Reader:
         self._cyclic = cyclic
         self._closed = False
         self._buffer = ffi.new("sj_feedback *")
+        times = 0 if cyclic else lib.sj_feedback_times()
+        self._into = ffi.cast("char *", self._buffer) + times
         self._sequence = ffi.new("uint64_t *")
         self._event = ffi.new("sj_kernel_event *")
         self._missed = ffi.new("uint64_t *")
@@ -253,7 +256,7 @@ class _Reader:
         if self._closed:
             raise SjerkError("this host has left its kernel")
         while True:
-            status = lib.sj_feedback_read(self._segment.base, self._buffer, self._sequence)
+            status = lib.sj_feedback_read(self._segment.base, self._into, self._sequence)
             if status != lib.SJ_SHM_LAPPED:
                 break
         return self._buffer if self._segment.check(status) else None
