@@ -742,7 +742,9 @@ enum sj_result {                        /* what became of a goal */
     SJ_RESULT_STATE = 7,                /* refused: the axis stops, homes, or has an error */
     SJ_RESULT_LIMIT = 8,                /* refused: it would leave the axis' position limits */
     SJ_RESULT_SPEED = 9,                /* refused: faster than the drive follows */
-    SJ_RESULTS = 10
+    SJ_RESULT_SUPERSEDED = 10,          /* never begun: cancelled, or a newer goal came */
+    SJ_RESULT_KIND = 11,                /* refused: a record of no known kind, or out of place */
+    SJ_RESULTS = 12
 };
 
 enum sj_goal_kind {
@@ -757,7 +759,7 @@ enum sj_event_kind {
     SJ_EVENT_GOAL = 0,                  /* code: enum sj_result of goal_id */
     SJ_EVENT_STATE = 1,                 /* code: new state of the axis, value: the one before */
     SJ_EVENT_HOST = 2,                  /* code: enum sj_shm_host_state */
-    SJ_EVENT_SPOILT = 3,                /* a command that a wild writer had spoilt */
+    SJ_EVENT_SPOILT = 3,                /* a command or record that a wild writer had spoilt */
     SJ_EVENT_FAULT = 4,                 /* code: 603Fh of the axis' drive */
     SJ_EVENT_FOLLOWING = 5,             /* value: the following error, axis unit */
     SJ_EVENT_LATE = 6,                  /* value: cycles of the clock that were skipped */
@@ -808,8 +810,50 @@ typedef struct {
     int32_t synchronization;            /* of this goal: enum sj_synchronization */
     int32_t hold;                       /* 1: wait on the path */
     double override;                    /* of velocities, 0 .. 2 */
+    uint64_t goal_records;              /* records published before this goal: it replaces them */
+    uint64_t stop_records;              /* before the newest halt, quick stop or disable */
+    uint64_t cancel_from, cancel_to;    /* records that are not to be begun, by number */
+    uint64_t cancel_axes;               /* bit n: on axis n; taken when cancels is new */
+    uint32_t cancels;
+    int32_t reserved;
     sj_axis_command axis[64];
 } sj_command;
+
+/* A record of the look-ahead ring; one ring for queued moves and paths, in one order. Its number is
+ * that of the ring, from 1. Goal ids of direct goals, moves and paths are one rising sequence. */
+enum sj_record_kind {
+    SJ_RECORD_MOVE = 1,                 /* a goal that waits for the one before */
+    SJ_RECORD_PATH = 2,                 /* opens a path: its axes, its goal id */
+    SJ_RECORD_SEGMENT = 3               /* a piece of it */
+};
+
+enum sj_buffer_mode {                   /* PLCopen: how a move follows the one before */
+    SJ_BUFFER_ABORTING = 0,             /* at once; no record, a direct goal */
+    SJ_BUFFER_BUFFERED = 1,             /* when it is done */
+    SJ_BUFFER_LOW = 2,                  /* passes its goal at the lower of both velocities, */
+    SJ_BUFFER_PREVIOUS = 3,             /* at the velocity of the one before, */
+    SJ_BUFFER_NEXT = 4,                 /* of the next, */
+    SJ_BUFFER_HIGH = 5                  /* at the higher */
+};
+
+typedef struct {
+    sj_axis_goal goal;                  /* MOVE; of every kind: NONE = not for this axis */
+    double position;                    /* SEGMENT: way-point at its end */
+    double velocity, acceleration, last_jerk;   /* continuous state at its first knot, per cycle */
+    double jerk[4];                     /* of its phases */
+} sj_axis_record;
+
+typedef struct {
+    uint64_t goal_id;
+    uint64_t number;                    /* SEGMENT: in its path */
+    int64_t cycles[4];                  /* SEGMENT: its phases */
+    int64_t least_cycles;               /* MOVE */
+    int32_t kind;                       /* enum sj_record_kind */
+    int32_t mode;                       /* MOVE: enum sj_buffer_mode */
+    int32_t synchronization;            /* MOVE: enum sj_synchronization */
+    int32_t last;                       /* SEGMENT: 1 = the path ends with it */
+    sj_axis_record axis[64];            /* as many as the kernel has */
+} sj_record;
 
 typedef struct {
     double position, velocity, acceleration, jerk;      /* commanded sample */
@@ -876,7 +920,8 @@ typedef struct {
     uint64_t kernel_epoch;              /* which kernel this frame is of */
     double cycle_time_s, override;
     int32_t result, result_axis;        /* enum sj_result; axis that refused, or -1 */
-    int32_t axes, ending, hold, reserved;
+    int32_t axes, ending, hold;
+    int32_t ring_spoilt;                /* 1: no record is taken until the host flushes the ring */
     sj_axis_feedback axis[64];
 } sj_feedback;
 
@@ -915,6 +960,39 @@ typedef struct {
     uint32_t halts, quick_stops, resets, limit_sets;
 } sj_axis;
 
+/* ---- wiring: look-ahead (_ahead.c) ----------------------------------------------------------- */
+
+enum {
+    SJ_AHEAD = 32,                      /* most records that are taken and wait for their turn */
+    SJ_AHEAD_TAKES = 4,                 /* most that one cycle takes */
+    SJ_AHEAD_DROPS = 4                  /* most orders to drop that are remembered */
+};
+
+typedef struct {
+    sj_record record;
+    uint64_t number;                    /* of the ring */
+    uint64_t axes;                      /* bit n: axis n */
+} sj_held;
+
+/* Records first .. last of these axes are not begun. */
+typedef struct {
+    uint64_t first, last, axes;
+    int32_t result;                     /* their answer */
+    int32_t reserved;
+} sj_drop;
+
+typedef struct {
+    uint64_t seen;                      /* records published before this cycle's command was taken */
+    uint64_t stop;                      /* of these a stop in this cycle means the ones up to here */
+    int32_t count;                      /* records that wait: held[order[0 .. count - 1]] */
+    int32_t drops;
+    int32_t order[32];                  /* a permutation; the rest are free */
+    sj_drop drop[4];
+    sj_held held[32];
+} sj_ahead;
+
+uint64_t sj_record_bytes(int32_t axes);
+
 typedef struct {
     void *segment;
     int32_t axes;
@@ -922,7 +1000,9 @@ typedef struct {
     int32_t ended;                      /* the end has been seen */
     int32_t host_state;
     int32_t hold;
+    uint32_t cancels;
     int32_t own_loop;                   /* 1: nothing clocks it; frames are without times */
+    int32_t reserved;
     double override;
     uint64_t goal_id, late;
     int32_t reaction[8];                /* enum sj_reaction by enum sj_cause */
@@ -931,6 +1011,7 @@ typedef struct {
     sj_feedback feedback;
     sj_plan plan[64];                   /* room for planning a goal */
     sj_interpolator trial[64];
+    sj_ahead ahead;
     sj_drive_rx rx[64];                 /* process image: to the drives, from the drives */
     sj_drive_tx tx[64];
     sj_axis axis[64];

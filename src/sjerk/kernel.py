@@ -309,8 +309,10 @@ class MotionKernel:
             raise SjerkError(f"kernel {self._name!r} already has a host: close that one first")
         self._private_segment()
         assert self._segment is not None
+        before = self._host._goals if self._host is not None else 0
         self._host = Host(self._segment, cyclic=False)
         self._host._go_on(self._described())
+        self._host._goals = before
         return self._host
 
     def _described(self) -> Any:
