@@ -420,6 +420,11 @@ void sj_kernel_cycle(sj_kernel *kernel, uint64_t now_ns)
                         kernel->own_loop ? (const void *)&kernel->feedback.cycle : &kernel->feedback);
 }
 
+void sj_kernel_step(sj_kernel *kernel)
+{
+    sj_kernel_cycle(kernel, 0);
+}
+
 void sj_kernel_cycles(sj_kernel *kernel, int64_t cycles)
 {
     while (cycles-- > 0)

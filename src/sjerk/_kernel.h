@@ -1025,6 +1025,7 @@ int32_t  sj_kernel_axis(sj_kernel *kernel, int32_t axis, const sj_drive_config *
                         const sj_axis_config *config);
 void     sj_kernel_cycle(sj_kernel *kernel, uint64_t now_ns);
 void     sj_kernel_cycles(sj_kernel *kernel, int64_t cycles); /* in a caller's own loop */
+void     sj_kernel_step(sj_kernel *kernel);                   /* the same, one */
 /* Between cycles: a plan that nothing uses, so that the planner is in the caches when it is needed. */
 void     sj_goal_rehearse(sj_kernel *kernel);
 int32_t  sj_kernel_at_rest(const sj_kernel *kernel);    /* nothing moves, no drive is enabled */

@@ -30,7 +30,7 @@ from sjerk.host import Host, layout
 from sjerk.profile import Limits
 
 _numbers = itertools.count(1)
-_cycles = lib.sj_kernel_cycles
+_ONE, _step = 1, lib.sj_kernel_step
 
 
 @dataclass(frozen=True)
@@ -352,8 +352,8 @@ class MotionKernel:
 
     def step(self, cycles: int = 1) -> None:
         """One cycle in the caller's own loop, or many: collect, interpolate, drive, publish."""
-        if self._steps and type(cycles) is int and 0 < cycles < 2**62:
-            _cycles(self._kernel, cycles)
+        if cycles is _ONE and self._steps:  # the loop of a caller: nothing else to check
+            _step(self._kernel)
             return
         if self._process is not None:
             raise SjerkError("the kernel runs in its process: step() is for a kernel without one")
