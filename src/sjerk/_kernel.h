@@ -933,9 +933,87 @@ typedef struct {
     double velocity_max;                /* per cycle: what the drive follows; inf: unknown */
     double wrap;
     int32_t external;                   /* 1: rx and tx are exchanged by the caller */
-    int32_t reserved;
+    int32_t ideal;                      /* 1: a drive without mechanics, always on its target */
     char unit[16];
 } sj_axis_config;
+
+/* The trace: what each cycle took from outside and what it gave, in the order of the cycle. An item
+ * is one event of a segment of its own (sj_event_publish); a cycle's items end with its frame. With
+ * the inputs alone the same cycle gives the same frames, bit for bit. */
+enum sj_trace_kind {
+    SJ_TRACE_FRAME = 0,                 /* sj_trace_frame */
+    SJ_TRACE_COMMAND = 1,               /* a command as it was taken */
+    SJ_TRACE_EVENT = 2,                 /* sj_kernel_event */
+    SJ_TRACE_RECORD = 3                 /* a record of the ring as it was taken */
+};
+
+enum sj_trace_flag {
+    SJ_TRACE_MOVING = 1,
+    SJ_TRACE_SETTLED = 2,
+    SJ_TRACE_FOLLOWS = 4,
+    SJ_TRACE_PARKED = 8,
+    SJ_TRACE_DRIVE_STOP = 16
+};
+
+typedef struct {
+    uint64_t cycle;
+    uint64_t number;                    /* of a record in its ring */
+    int32_t kind;                       /* enum sj_trace_kind */
+    int32_t reserved;
+} sj_trace_head;
+
+typedef struct {
+    double position, velocity, acceleration, jerk;      /* commanded sample, per cycle */
+    double goal;
+    sj_limits limits;                   /* of the axis, in force */
+    uint64_t goal_id;
+    int64_t target_counts, actual_counts;               /* unwrapped, encoder increments */
+    int32_t velocity_actual, following_error;           /* 606Ch, 60F4h */
+    uint16_t statusword, error_code;                    /* 6041h, 603Fh */
+    int16_t torque_actual;                              /* 6077h */
+    int8_t mode_display;                                /* 6061h */
+    uint8_t state;                                      /* SJ_AXIS_... */
+    uint32_t flags;                                     /* enum sj_trace_flag */
+    uint32_t reserved;
+} sj_axis_trace;
+
+typedef struct {
+    sj_trace_head head;
+    uint64_t time_ns;                   /* of the cycle's begin, as it was given */
+    uint64_t late;                      /* inputs: cycles skipped so far, */
+    uint64_t ring_seen;                 /* records published at the begin, */
+    uint64_t ring_published;            /* and once the command was collected, */
+    uint64_t ring_taken;                /* taken or discarded at the end, */
+    int32_t host_state, ending;         /* the host as seen, the order to end, */
+    int32_t collected;                  /* what the collection of the command said, */
+    int32_t ring_status;                /* and the last taking of a record where it was none */
+    uint64_t sequence;                  /* newest command taken */
+    double override;
+    int32_t hold, reserved;
+    sj_axis_trace axis[64];
+} sj_trace_frame;
+
+typedef struct {
+    sj_trace_head head;
+    uint64_t payload[1100];             /* command, record or event, as its bytes */
+} sj_trace_message;
+
+typedef union {
+    sj_trace_frame frame;
+    sj_trace_message message;
+} sj_trace_item;
+
+/* Rows of cycle, number (both 64 bits) and payload. */
+typedef struct {
+    const uint8_t *at;
+    int64_t count;
+} sj_trace_rows;
+
+/* What a cycle of a replay is given instead of the segment; then its frame must come out. */
+typedef struct {
+    const sj_trace_frame *frame;        /* as recorded, or NULL: no replay */
+    sj_trace_rows commands, records;    /* to come */
+} sj_trace_given;
 
 typedef struct {
     sj_interpolator interpolator;
@@ -1001,10 +1079,19 @@ typedef struct {
     int32_t host_state;
     int32_t hold;
     uint32_t cancels;
+    int32_t collected;                  /* status of this cycle's collection of the command */
+    int32_t quiet;                      /* 1: nobody reads the feedback of this cycle (_virtual.c) */
     int32_t own_loop;                   /* 1: nothing clocks it; frames are without times */
-    int32_t reserved;
+    int32_t pad;
     double override;
     uint64_t goal_id, late;
+    uint64_t ring_seen, ring_published, ring_taken;     /* of this cycle */
+    int32_t ring_status;
+    int32_t reserved;
+    void *trace;                        /* segment of the trace, or NULL */
+    sj_trace_frame *frame_out;          /* where this cycle's frame goes too, or NULL */
+    sj_trace_given given;
+    sj_trace_item item;                 /* of the trace, under the pen */
     int32_t reaction[8];                /* enum sj_reaction by enum sj_cause */
     sj_command incoming;                /* what collect fills; spoilt where it fails */
     sj_command command;
@@ -1029,6 +1116,31 @@ void     sj_kernel_step(sj_kernel *kernel);                   /* the same, one *
 /* Between cycles: a plan that nothing uses, so that the planner is in the caches when it is needed. */
 void     sj_goal_rehearse(sj_kernel *kernel);
 int32_t  sj_kernel_at_rest(const sj_kernel *kernel);    /* nothing moves, no drive is enabled */
+
+/* ---- wiring: trace (_trace.c) and virtual time (_virtual.c) ---------------------------------- */
+
+uint64_t sj_trace_frame_bytes(int32_t axes);
+uint64_t sj_trace_item_bytes(int32_t axes);             /* of one event of the trace's segment */
+int32_t  sj_trace_host(sj_kernel *kernel, uint64_t now_ns);     /* as sj_shm_host_state */
+void     sj_trace_see(sj_kernel *kernel);               /* the ring's counters, at the begin */
+int32_t  sj_trace_collect(sj_kernel *kernel);           /* as sj_command_collect, into incoming */
+int32_t  sj_trace_take(sj_kernel *kernel, sj_record *record);   /* as sj_ring_take */
+void     sj_trace_event(sj_kernel *kernel, const sj_kernel_event *event);
+void     sj_trace_close(sj_kernel *kernel);             /* the frame of this cycle */
+/* Items after *cursor, at most `room`, back to back; how many. Any process, at any time. */
+int64_t  sj_trace_drain(const void *segment, uint64_t *cursor, uint64_t *missed, int64_t room,
+                        void *items);
+
+/* Cycles in virtual time from now_ns on; `frames` (one each, back to back) may be NULL. */
+void     sj_virtual_run(sj_kernel *kernel, int64_t cycles, uint64_t now_ns, uint64_t period_ns,
+                        void *frames);
+/* Recorded cycles again. Returns how many came out the same, bit for bit; where one did not, its
+ * frame is in kernel->item. */
+int64_t  sj_virtual_replay(sj_kernel *kernel, int64_t cycles, const void *frames,
+                           int64_t command_count, const void *commands, int64_t record_count,
+                           const void *records);
+/* A drive without mechanics: its state machine by the words, its position the target's. */
+void     sj_ideal_cycle(sj_drive *drive, const sj_drive_rx *rx, sj_drive_tx *tx);
 
 /* ---- wiring: the clock (_clock.c) ------------------------------------------------------------ */
 
