@@ -31,12 +31,14 @@ void sj_ahead_see(sj_kernel *kernel)
 static void answer(sj_kernel *kernel, const sj_held *held, int32_t axis, int32_t result)
 {
     if (held->record.kind != SJ_RECORD_SEGMENT || result != SJ_RESULT_ACCEPTED)
-        sj_cycle_answer(kernel, held->record.goal_id, axis, result);
+        if (!held->spent)
+            sj_cycle_answer(kernel, held->record.goal_id, axis, result);
 }
 
+/* A segment's path has the answer. */
 static void drop(sj_kernel *kernel, const sj_held *held, int32_t result)
 {
-    if (held->record.kind != SJ_RECORD_SEGMENT)
+    if (held->record.kind != SJ_RECORD_SEGMENT && !held->spent)
         sj_cycle_answer(kernel, held->record.goal_id, -1, result);
 }
 
@@ -65,12 +67,16 @@ void sj_ahead_drop(sj_kernel *kernel, uint64_t axes, uint64_t first, uint64_t la
     if (axes == 0 || order.last < first)
         return;
     for (int32_t i = 0; i < ahead->count;) {
-        if (falls_under(&order, &ahead->held[ahead->order[i]])) {
-            drop(kernel, &ahead->held[ahead->order[i]], result);
-            forget(ahead, i);
-        } else {
+        sj_held *held = &ahead->held[ahead->order[i]];
+        if (!falls_under(&order, held)) {
             i++;
+            continue;
         }
+        drop(kernel, held, result);
+        if (sj_queue_drop(kernel, held))
+            i++;
+        else
+            forget(ahead, i);
     }
     if (order.last <= sj_ring_taken(kernel->segment))
         return; /* none of them is still in the ring */
@@ -120,6 +126,7 @@ static int32_t take(sj_kernel *kernel)
     sj_held *held = &ahead->held[ahead->order[ahead->count]];
     int32_t status = sj_ring_take(kernel->segment, &held->record);
     const sj_drop *order;
+    int32_t result;
 
     if (status < 0) {
         if (!kernel->feedback.ring_spoilt) {
@@ -135,6 +142,11 @@ static int32_t take(sj_kernel *kernel)
         return 0;
     held->number = sj_ring_taken(kernel->segment);
     held->axes = axes_of(kernel, &held->record);
+    held->passing = 0;
+    held->share = 1.0;
+    held->spent = 0;
+    result = held->record.kind == SJ_RECORD_MOVE ? sj_queue_judge(kernel, held)
+                                                 : SJ_RESULT_ACCEPTED;
     order = dropped(ahead, held);
     if (order != NULL)
         drop(kernel, held, order->result);
@@ -142,6 +154,8 @@ static int32_t take(sj_kernel *kernel)
         drop(kernel, held, SJ_RESULT_STOPPED);
     else if (held->axes == 0)
         answer(kernel, held, -1, SJ_RESULT_KIND);
+    else if (result != SJ_RESULT_ACCEPTED)
+        answer(kernel, held, -1, result);
     else
         ahead->count++;
     return 1;
@@ -150,10 +164,11 @@ static int32_t take(sj_kernel *kernel)
 /* ---- whose turn it is ---- */
 
 /* Each room: OFFER_WAIT, OFFER_TAKEN, or -(enum sj_result). */
-static int32_t offer(sj_kernel *kernel, const sj_held *held)
+static int32_t offer(sj_kernel *kernel, sj_held *held)
 {
-    (void)kernel;
     switch (held->record.kind) {
+    case SJ_RECORD_MOVE:
+        return sj_queue_offer(kernel, held);
     default:
         return -SJ_RESULT_KIND;
     }
@@ -170,7 +185,7 @@ void sj_ahead_take(sj_kernel *kernel)
             break;
     }
     for (int32_t i = 0; i < ahead->count;) {
-        const sj_held *held = &ahead->held[ahead->order[i]];
+        sj_held *held = &ahead->held[ahead->order[i]];
         int32_t said = (held->axes & waiting) ? OFFER_WAIT : offer(kernel, held);
         if (said == OFFER_WAIT) {
             waiting |= held->axes;

@@ -1,0 +1,245 @@
+"""Queued moves: buffered and blended, by random chains in an own loop and in a whole process."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from sjerk import (
+    Axis,
+    Event,
+    EventKind,
+    Host,
+    InputError,
+    Limits,
+    MotionKernel,
+    MotionStoppedError,
+    Move,
+    MoveState,
+    QueueFullError,
+    State,
+    plan_velocity,
+)
+from sjerk._binding import ffi, lib
+
+T = 1e-3
+COUNTS = 2**24 / 360.0
+OWN = Limits(90.0, 500.0, 5000.0, deceleration=300.0, deceleration_jerk=4000.0)
+MODES = ("buffered", "blend low", "blend previous", "blend next", "blend high")
+
+
+def stepped(axes: int = 1, limits: Limits = OWN) -> tuple[MotionKernel, Host]:
+    stop = replace(limits, deceleration=2000.0, deceleration_jerk=40000.0)
+    kernel = MotionKernel([Axis(limits, COUNTS, stop_limits=stop)] * axes, T)
+    host = kernel.host()
+    host.enable()
+    kernel.step(10)
+    host.events()
+    return kernel, host
+
+
+def slower(velocity: float, rest: float = 1.0) -> Limits:
+    """The axes' limits with another velocity, the rest scaled."""
+    return Limits(
+        velocity,
+        OWN.acceleration * rest,
+        OWN.jerk * rest,
+        deceleration=OWN.braking[0] * rest,
+        deceleration_jerk=OWN.braking[1] * rest,
+    )
+
+
+@dataclass(frozen=True)
+class Queued:
+    """A move of a chain: distances by axis from the goal before."""
+
+    ways: dict[int, float]
+    limits: Limits
+    buffer: str
+    synchronization: str = "time"
+    after: int = 0  # cycles until it is given
+
+
+@dataclass
+class Run:
+    """What was seen: columns (cycles, axes), the moves, the events."""
+
+    cycle: np.ndarray
+    goal_id: np.ndarray
+    position: np.ndarray
+    velocity: np.ndarray
+    acceleration: np.ndarray
+    jerk: np.ndarray
+    moves: list[Move]
+    events: list[Event]
+
+    def reached(self) -> dict[int, int]:
+        return {e.goal_id: e.cycle for e in self.events if e.kind is EventKind.REACHED}
+
+    def answers(self) -> Counter[int]:
+        return Counter(e.goal_id for e in self.events if e.kind is EventKind.GOAL)
+
+
+_AXIS = ffi.typeof("sj_axis_feedback")
+_FIELDS = {"goal_id": "u8", "moving": "i4"} | dict.fromkeys(
+    ("position", "velocity", "acceleration", "jerk"), "f8"
+)
+_DTYPE = np.dtype(
+    {
+        "names": list(_FIELDS),
+        "formats": list(_FIELDS.values()),
+        "offsets": [dict(_AXIS.fields)[name].offset for name in _FIELDS],
+        "itemsize": ffi.sizeof(_AXIS),
+    }
+)
+
+
+class Watch:
+    """Steps a kernel and keeps every frame."""
+
+    def __init__(self, kernel: MotionKernel, host: Host) -> None:
+        self.kernel, self.host = kernel, host
+        frame = ffi.buffer(host._buffer)
+        offset = ffi.offsetof("sj_feedback", "axis")
+        self.axes = np.frombuffer(frame, _DTYPE, count=host._axes, offset=offset)
+        self.cycles: list[int] = []
+        self.rows: list[np.ndarray] = []
+        self.events: list[Event] = []
+        self.look()
+
+    def look(self) -> bool:
+        self.cycles.append(self.host._frame().cycle)
+        self.rows.append(self.axes.copy())
+        self.events += self.host.events()[0]
+        return bool(self.axes["moving"].any())
+
+    def step(self, cycles: int = 1) -> bool:
+        """Whether any axis moves."""
+        moving = True
+        for _ in range(cycles):
+            self.kernel.step()
+            moving = self.look()
+        return moving
+
+    def run(self, moves: list[Move], most: int = 40_000) -> Run:
+        """On to the end of all of them."""
+        over = (MoveState.SENT, MoveState.QUEUED, MoveState.MOVING)
+        for _ in range(most):
+            if not self.step() and not any(move.state in over for move in moves):
+                return self.seen(moves)
+        raise AssertionError(f"it never ended: {[move.state for move in moves]}")
+
+    def seen(self, moves: list[Move]) -> Run:
+        rows = np.array(self.rows)
+        columns = (rows[n] for n in ("goal_id", "position", "velocity", "acceleration", "jerk"))
+        return Run(np.array(self.cycles), *columns, moves, self.events)
+
+
+def play(axes: int, chain: list[Queued], *, buffered: bool = False) -> Run:
+    """Give the moves one by one; ``buffered``: all in that mode."""
+    kernel, host = stepped(axes)
+    watch = Watch(kernel, host)
+    moves = []
+    for one in chain:
+        watch.step(one.after)
+        moves.append(
+            host.move(
+                dict(one.ways),
+                relative=True,
+                limits=one.limits,
+                synchronization=one.synchronization,  # type: ignore[arg-type]
+                buffer="buffered" if buffered else one.buffer,  # type: ignore[arg-type]
+            )
+        )
+    return watch.run(moves)
+
+
+def kept(run: Run, limits: list[Limits], axes: int) -> None:
+    """Every sample within the limits of the move it belongs to, and the samples hang together."""
+    by_id = {move._goal_id: own for move, own in zip(run.moves, limits, strict=True)}
+    ulp = 8 * np.spacing(np.max(np.abs(run.position)) + 1.0)
+    for i in range(axes):
+        q, v, a, j = (c[:, i] for c in (run.position, run.velocity, run.acceleration, run.jerk))
+        assert np.max(np.abs(np.diff(q) - (v[1:] + v[:-1]) / 2)) <= ulp
+        assert np.max(np.abs(np.diff(v) - (a[1:] + a[:-1]) / 2)) <= ulp
+        assert np.max(np.abs(np.diff(a) - (j[1:] + j[:-1]) / 2)) <= ulp
+        for goal_id, own in by_id.items():
+            of = np.flatnonzero(run.goal_id[:, i] == goal_id)
+            if len(of) == 0:
+                continue
+            slack = 1 + 1e-9
+            begun, ended = abs(v[max(of[0] - 1, 0)]), abs(v[of[-1]])
+            most = max(own.velocity * T, begun, ended)
+            assert np.max(np.abs(v[of])) <= most * slack + ulp
+            assert np.max(np.abs(a[of])) <= own.acceleration * T**2 * slack + ulp
+            assert np.max(np.abs(j[of])) <= own.jerk * T**3 * slack + ulp
+            assert max(begun, ended) <= OWN.velocity * T * slack
+
+
+def forward_only(run: Run, axes: int) -> None:
+    """No move goes back: no overshoot of any goal, no way round."""
+    for i in range(axes):
+        for move in run.moves:
+            of = np.flatnonzero(run.goal_id[:, i] == move._goal_id)
+            if len(of):
+                steps = np.diff(run.position[max(of[0] - 1, 0) : of[-1] + 1, i])
+                assert np.all(steps >= -1e-12) or np.all(steps <= 1e-12)
+
+
+def landed(run: Run, chain: list[Queued], axes: int) -> None:
+    """Every goal is met bit for bit in the frame that its event names."""
+    goals = run.position[0].copy()
+    reached = run.reached()
+    for one, move in zip(chain, run.moves, strict=True):
+        for i, way in one.ways.items():
+            goals[i] += way
+        assert move.state is MoveState.DONE
+        row = int(np.flatnonzero(run.cycle == reached[move._goal_id])[0])
+        for i in one.ways:
+            at = row if one.synchronization == "time" else slice(0, row + 1)
+            assert goals[i] in np.atleast_1d(run.position[at, i])
+    assert np.array_equal(run.position[-1], goals)
+    assert set(run.answers().values()) <= {1}
+    assert len(run.answers()) == len(chain)
+
+
+ways = st.one_of(st.floats(0.01, 40.0), st.floats(-40.0, -0.01), st.sampled_from([1.0, -0.5, 5.0]))
+
+
+@st.composite
+def chains(draw: st.DrawFn, mixed: bool = True) -> tuple[int, list[Queued]]:
+    axes = draw(st.integers(1, 4))
+    chain = []
+    for _ in range(draw(st.integers(2, 5))):
+        chosen = range(axes)
+        if mixed and draw(st.booleans()):
+            chosen = sorted(draw(st.sets(st.sampled_from(range(axes)), min_size=1)))
+        onward = draw(st.booleans())
+        chain.append(
+            Queued(
+                {i: abs(w) if onward else w for i, w in ((i, draw(ways)) for i in chosen)},
+                slower(draw(st.floats(5.0, 90.0)), draw(st.sampled_from([1.0, 1.0, 0.4]))),
+                draw(st.sampled_from(MODES)),
+                draw(st.sampled_from(["time", "time", "time", "none"])),
+                draw(st.sampled_from([0, 0, 1, 37, 180, 400])),
+            )
+        )
+    return axes, chain
+
+
+@given(chains())
+def test_any_chain_keeps_its_limits_and_meets_every_goal(case: tuple[int, list[Queued]]) -> None:
+    """Continuous, within the limits in force, forward only, on each goal, answered once; no slower
+    than the same moves buffered."""
+    axes, chain = case
+    run = play(axes, chain)
+    kept(run, [one.limits for one in chain], axes)
+    forward_only(run, axes)
+    landed(run, chain, axes)
+    waiting = play(axes, chain, buffered=True)
+    assert len(run.cycle) <= len(waiting.cycle)
