@@ -1,5 +1,6 @@
 /* What the files of the cycle share: _cycle.c (top to bottom), _goals.c (goals and stops), _ahead.c
- * (what waits for its turn) and _queue.c (moves among it). */
+ * (what waits for its turn) and _queue.c with _passage.c
+ * (moves among it). */
 #ifndef SJ_CYCLE_H
 #define SJ_CYCLE_H
 
@@ -52,6 +53,9 @@ sj_limits sj_goal_limits(const sj_kernel *kernel, const sj_axis *ax, const sj_ax
 /* Whether a plan stays within the position limits, or at least within where the axis is. */
 int32_t sj_goal_inside(const sj_axis *ax, const sj_axis_goal *goal, const sj_limits *limits,
                        const sj_plan *plan);
+/* As sj_plan_axes; a steady start above the velocity limits runs down to them first. */
+int32_t sj_passage_plan(int32_t n, const sj_request *request, const sj_limits *limits,
+                        int64_t least_cycles, int32_t *synchronization, sj_plan *plans);
 /* The way of a plan from (v, a), and between which bounds it stays. */
 double sj_goal_way(const sj_plan *plan, double v, double a, double *low, double *high);
 /* A goal for all its axes or for none; stopped: it came with a stop. */

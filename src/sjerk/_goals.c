@@ -372,7 +372,7 @@ static int32_t plan_goals(sj_kernel *kernel, const int32_t *axes, const sj_axis_
         of[m++] = i;
     }
     if (m > 0 && !(line && plan_line(kernel, together, m, limits, 0) == 0) &&
-        sj_plan_axes(m, request, limits, least_cycles, synchronization, kernel->plan) !=
+        sj_passage_plan(m, request, limits, least_cycles, synchronization, kernel->plan) !=
             SJ_PLAN_OK)
         return SJ_RESULT_PLAN;
     for (int32_t k = 0; k < m; k++) {
