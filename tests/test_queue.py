@@ -77,6 +77,7 @@ class Run:
     velocity: np.ndarray
     acceleration: np.ndarray
     jerk: np.ndarray
+    follows: np.ndarray
     moves: list[Move]
     events: list[Event]
 
@@ -88,7 +89,7 @@ class Run:
 
 
 _AXIS = ffi.typeof("sj_axis_feedback")
-_FIELDS = {"goal_id": "u8", "moving": "i4"} | dict.fromkeys(
+_FIELDS = {"goal_id": "u8", "moving": "i4", "follows": "i4"} | dict.fromkeys(
     ("position", "velocity", "acceleration", "jerk"), "f8"
 )
 _DTYPE = np.dtype(
@@ -138,7 +139,7 @@ class Watch:
 
     def seen(self, moves: list[Move]) -> Run:
         rows = np.array(self.rows)
-        columns = (rows[n] for n in ("goal_id", "position", "velocity", "acceleration", "jerk"))
+        columns = (rows[name] for name in [*Run.__dataclass_fields__][1:-2])
         return Run(np.array(self.cycles), *columns, moves, self.events)
 
 
@@ -334,3 +335,99 @@ def test_a_goal_is_passed_at_the_velocity_of_the_mode_as_far_as_both_ways_allow(
     if mode == "blend low":
         assert np.max(np.abs(run.velocity[: row + 1])) <= limits[0].velocity * T * (1 + 1e-9)
         assert np.max(np.abs(run.velocity[row:])) <= limits[1].velocity * T * (1 + 1e-9)
+
+
+# ---- what may come in the middle of a chain ------------------------------------------------------
+
+RANGE = (-60.0, 60.0)
+FINAL = {MoveState.DONE, MoveState.STOPPED, MoveState.SUPERSEDED, MoveState.REFUSED}
+
+
+def stay_within(run: Run, axes: int, *, quick: bool) -> None:
+    """Limits of the axes, their stop limits where one was asked for, and the position limits."""
+    most = (2000.0, 40000.0) if quick else (OWN.acceleration, OWN.jerk)
+    ulp = 8 * np.spacing(np.max(np.abs(run.position)) + 1.0)
+    for i in range(axes):
+        q, v, a, j = (c[:, i] for c in (run.position, run.velocity, run.acceleration, run.jerk))
+        led = (run.follows[1:, i] & run.follows[:-1, i]).astype(bool)  # else: the drive's own place
+        for rate, of in ((v, q), (a, v), (j, a)):
+            assert np.max(np.abs(np.diff(of) - (rate[1:] + rate[:-1]) / 2)[led]) <= ulp
+        assert np.max(np.abs(v)) <= OWN.velocity * T * (1 + 1e-9)
+        assert np.max(np.abs(a)) <= most[0] * T**2 * (1 + 1e-9)
+        assert np.max(np.abs(j)) <= most[1] * T**3 * (1 + 1e-9)
+        assert RANGE[0] - ulp <= q[run.follows[:, i] == 1].min()
+        assert q[run.follows[:, i] == 1].max() <= RANGE[1] + ulp
+    assert np.all(run.velocity[-1] == 0.0)
+
+
+def answered(run: Run) -> None:
+    """Each goal once, and the handles say what the events say."""
+    answers, reached = run.answers(), run.reached()
+    for move in run.moves:
+        assert answers[move._goal_id] == 1
+        assert move.state in FINAL
+        assert (move.state is MoveState.DONE) == (move._goal_id in reached)
+    assert sum(answers.values()) == len(run.moves)
+
+
+actions = st.tuples(
+    st.integers(1, 500),
+    st.sampled_from(
+        ["halt", "halt one", "quick", "quick one", "goal", "goal one", "cancel", "queue", "hold",
+         "resume", "slower", "faster", "standstill", "death", "disable one"]
+    ),
+    st.integers(0, 10),
+)  # fmt: skip
+
+
+@settings(max_examples=4 * SOME)
+@given(chains(), st.lists(actions, min_size=1, max_size=4))
+def test_whatever_comes_in_a_chain_it_keeps_its_limits_and_answers_every_move(
+    case: tuple[int, list[Queued]], events: list[tuple[int, str, int]]
+) -> None:
+    """Stops, newer goals, cancellations, holds, overrides and a dying host, at any cycle."""
+    axes, chain = case
+    kernel, host = stepped(axes, replace(OWN, position=RANGE))
+    watch = Watch(kernel, host)
+    moves = [give(host, one) for one in chain]
+    fresh = iter(range(1, 100))
+    for after, what, which in events:
+        watch.step(after)
+        some = None if not what.endswith(" one") else which % axes
+        match what.removesuffix(" one"):
+            case "halt":
+                host.halt(axes=some)
+            case "quick":
+                host.quick_stop(axes=some)
+            case "goal":
+                place = 3.0 * which - 20.0 + next(fresh)
+                moves.append(host.move({i: place for i in ([some] if some is not None else range(axes))}))
+            case "cancel":
+                moves[which % len(moves)].cancel()
+            case "queue":
+                again = chain[which % len(chain)]
+                moves.append(give(host, replace(again, ways={i: -w for i, w in again.ways.items()})))
+            case "hold":
+                host.hold()
+            case "resume":
+                host.resume()
+            case "slower":
+                host.override(0.1 * which)
+            case "faster":
+                host.override(1.0 + 0.1 * which)
+            case "standstill":
+                watch.step(1500)
+            case "disable":
+                host.disable(axes=some)
+            case "death":
+                base = host._segment.base
+                lib.sj_shm_note_host(base, lib.sj_shm_host_epoch(base), 0)
+                watch.step()
+                lib.sj_shm_note_host(base, lib.sj_shm_host_epoch(base), 1)
+        watch.step()
+    host.resume()
+    host.override(1.0)
+    run = watch.run(moves)
+    quick = any(what.startswith("quick") for _, what, _ in events)
+    stay_within(run, axes, quick=quick)
+    answered(run)
