@@ -169,17 +169,36 @@ static int32_t find(const sj_kernel *kernel, const sj_held *held, passage *p)
     return p->n > 0;
 }
 
+/* Distances are known now: -(enum sj_result) where a goal cannot be. */
+static int32_t still_possible(const sj_kernel *kernel, const passage *p)
+{
+    for (int32_t k = 0; k < p->m; k++) {
+        int32_t result = sj_goal_possible(&kernel->axis[p->next[k]], &p->goal[k]);
+        if (result != SJ_RESULT_ACCEPTED)
+            return -result;
+    }
+    return OFFER_WAIT;
+}
+
 /* One try per cycle; where it fails the next is a slower one. Never slower than waiting. */
-static void pass(sj_kernel *kernel, sj_held *held)
+static int32_t pass(sj_kernel *kernel, sj_held *held)
 {
     static const double rest[SJ_AXES] = {0};
     double velocity[SJ_AXES];
     int64_t before, next, waiting, left = 0;
+    int32_t possible;
     passage p;
 
-    if (!find(kernel, held, &p) || !sj_passage_choose(kernel, held->record.mode, held->record.synchronization, &p)) {
+    if (!find(kernel, held, &p)) {
         held->share = 0.0;
-        return;
+        return OFFER_WAIT;
+    }
+    possible = still_possible(kernel, &p);
+    if (possible < 0)
+        return possible;
+    if (!sj_passage_choose(kernel, held->record.mode, held->record.synchronization, &p)) {
+        held->share = 0.0;
+        return OFFER_WAIT;
     }
     for (int32_t i = 0; i < p.n; i++) {
         velocity[i] = held->share * p.velocity[i];
@@ -190,15 +209,16 @@ static void pass(sj_kernel *kernel, sj_held *held)
     waiting = sj_passage_next(kernel, &p, &held->record, rest);
     next = sj_passage_next(kernel, &p, &held->record, velocity);
     if (waiting < 0 || next < 0)
-        return;
+        return OFFER_WAIT;
     before = sj_passage_before(kernel, &p, velocity);
     if (before < 0 || before > left || before + next > left + waiting)
-        return;
+        return OFFER_WAIT;
     sj_passage_load(kernel, &p, velocity);
     held->passing = 0;
     for (int32_t i = 0; i < p.n; i++)
         held->passing |= (uint64_t)(velocity[i] != 0.0) << p.axes[i];
     held->share = 0.0;
+    return OFFER_WAIT;
 }
 
 /* The set of axes whose moves do pass. */
@@ -230,7 +250,7 @@ int32_t sj_queue_offer(sj_kernel *kernel, sj_held *held)
         return begin(kernel, held);
     if (record->mode > SJ_BUFFER_BUFFERED && held->share > 0.0 && !goal_held(kernel) &&
         record->synchronization != SJ_SYNC_PHASE)
-        pass(kernel, held);
+        return pass(kernel, held);
     return OFFER_WAIT;
 }
 

@@ -180,8 +180,10 @@ class Move:
                 never[lib.SJ_RESULT_STOPPED] = MoveState.STOPPED
             return never.get(result[0], MoveState.REFUSED)
         axes = [frame.axis[i] for i in self._targets]
+        if host._was_reached(self._goal_id):
+            return MoveState.DONE
         if any(axis.goal_id > self._goal_id for axis in axes):
-            return MoveState.DONE if host._was_reached(self._goal_id) else MoveState.SUPERSEDED
+            return MoveState.SUPERSEDED
         if any(axis.goal_id < self._goal_id for axis in axes):
             return MoveState.MOVING  # its answer is newer than the frame
         if all(
