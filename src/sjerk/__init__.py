@@ -13,12 +13,23 @@ from sjerk.errors import (
     SjerkError,
     SupersededError,
 )
-from sjerk.feedback import AxisFeedback, Event, EventKind, Feedback, Timing
+from sjerk.feedback import (
+    AxisFeedback,
+    Event,
+    EventKind,
+    Feedback,
+    PathFeedback,
+    PathState,
+    Timing,
+)
 from sjerk.following import Followed, Segment, follow, follow_path, follow_stops
 from sjerk.host import Host, Move, MoveState
 from sjerk.kernel import Axis, Image, MotionKernel, Reactions
+from sjerk.path import Path, Progress
 from sjerk.planning import Motion, Plans, plan, plan_many, plan_velocity
 from sjerk.profile import Extrema, Limits, Phase, Profile, Range, Samples, State, scurve
+from sjerk.recording import Gap, Recorder, Recording
+from sjerk.simulation import Difference, Replay, replay, simulate
 from sjerk.states import AxisState
 from sjerk.trajectory import ExecutionMode, Fault, FaultKind, Trajectory, TrajectoryError, resample
 
@@ -28,6 +39,7 @@ __all__ = [
     "AxisState",
     "Clock",
     "ClockReport",
+    "Difference",
     "Drive",
     "DriveConfig",
     "Event",
@@ -38,6 +50,7 @@ __all__ = [
     "FaultKind",
     "Feedback",
     "Followed",
+    "Gap",
     "Grant",
     "Host",
     "Image",
@@ -50,14 +63,21 @@ __all__ = [
     "MotionStoppedError",
     "Move",
     "MoveState",
+    "Path",
+    "PathFeedback",
+    "PathState",
     "Phase",
     "PlanError",
     "Plans",
     "Profile",
+    "Progress",
     "QueueFullError",
     "Range",
     "Reactions",
+    "Recorder",
+    "Recording",
     "RefusedError",
+    "Replay",
     "Samples",
     "Segment",
     "SjerkError",
@@ -72,6 +92,8 @@ __all__ = [
     "plan",
     "plan_many",
     "plan_velocity",
+    "replay",
     "resample",
     "scurve",
+    "simulate",
 ]

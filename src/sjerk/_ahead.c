@@ -23,7 +23,8 @@ void sj_ahead_start(sj_ahead *ahead)
 /* Before the command is collected: a record is never taken before a command that was given before it. */
 void sj_ahead_see(sj_kernel *kernel)
 {
-    kernel->ahead.seen = kernel->ahead.stop = sj_ring_published(kernel->segment);
+    sj_trace_see(kernel);
+    kernel->ahead.seen = kernel->ahead.stop = kernel->ring_seen;
 }
 
 /* ---- records that are not to be begun ---- */
@@ -61,7 +62,7 @@ static int32_t falls_under(const sj_drop *order, const sj_held *held)
 void sj_ahead_drop(sj_kernel *kernel, uint64_t axes, uint64_t first, uint64_t last, int32_t result)
 {
     sj_ahead *ahead = &kernel->ahead;
-    uint64_t published = sj_ring_published(kernel->segment);
+    uint64_t published = kernel->ring_published;
     sj_drop order = {first, last < published ? last : published, axes, result, 0};
 
     if (axes == 0 || order.last < first)
@@ -78,7 +79,7 @@ void sj_ahead_drop(sj_kernel *kernel, uint64_t axes, uint64_t first, uint64_t la
         else
             forget(ahead, i);
     }
-    if (order.last <= sj_ring_taken(kernel->segment))
+    if (order.last <= kernel->ring_taken)
         return; /* none of them is still in the ring */
     if (ahead->drops == SJ_AHEAD_DROPS) { /* rather one too many: nothing moves that should not */
         sj_drop *newest = &ahead->drop[SJ_AHEAD_DROPS - 1];
@@ -124,7 +125,7 @@ static int32_t take(sj_kernel *kernel)
 {
     sj_ahead *ahead = &kernel->ahead;
     sj_held *held = &ahead->held[ahead->order[ahead->count]];
-    int32_t status = sj_ring_take(kernel->segment, &held->record);
+    int32_t status = sj_trace_take(kernel, &held->record);
     const sj_drop *order;
     int32_t result;
 
@@ -140,7 +141,7 @@ static int32_t take(sj_kernel *kernel)
     kernel->feedback.ring_spoilt = 0;
     if (status == 0)
         return 0;
-    held->number = sj_ring_taken(kernel->segment);
+    held->number = kernel->ring_taken;
     held->axes = axes_of(kernel, &held->record);
     held->passing = 0;
     held->share = 1.0;
@@ -169,6 +170,9 @@ static int32_t offer(sj_kernel *kernel, sj_held *held)
     switch (held->record.kind) {
     case SJ_RECORD_MOVE:
         return sj_queue_offer(kernel, held);
+    case SJ_RECORD_PATH:
+    case SJ_RECORD_SEGMENT:
+        return sj_path_offer(kernel, held);
     default:
         return -SJ_RESULT_KIND;
     }
@@ -180,7 +184,7 @@ void sj_ahead_take(sj_kernel *kernel)
     uint64_t waiting = 0; /* axes of earlier records */
 
     for (int32_t k = 0; k < SJ_AHEAD_TAKES && ahead->count < SJ_AHEAD; k++) {
-        uint64_t taken = sj_ring_taken(kernel->segment);
+        uint64_t taken = kernel->ring_taken;
         if (taken == ahead->seen || (k > 0 && taken > ahead->seen) || take(kernel) < 0)
             break;
     }

@@ -50,7 +50,11 @@ int32_t sj_kernel_axis(sj_kernel *kernel, int32_t axis, const sj_drive_config *d
     sj_axis *ax = &kernel->axis[axis];
     sj_axis_feedback *out = &kernel->feedback.axis[axis];
     ax->config = *config;
-    if (!config->external) {
+    if (config->ideal) {
+        ax->drive = (sj_drive){.state = SJ_STATE_SWITCH_ON_DISABLED};
+        ax->drive.config.period_s = kernel->feedback.cycle_time_s;
+        sj_ideal_cycle(&ax->drive, &kernel->rx[axis], &kernel->tx[axis]);
+    } else if (!config->external) {
         int32_t status = sj_drive_init(&ax->drive, drive);
         if (status != 0)
             return status;
@@ -75,7 +79,7 @@ void sj_cycle_tell(sj_kernel *kernel, int32_t kind, int32_t axis, int32_t code, 
     sj_kernel_event event = {kernel->feedback.cycle + 1, kernel->feedback.time_ns,
                              axis >= 0 ? kernel->axis[axis].goal_id : kernel->goal_id, value,
                              kind, axis, code, 0};
-    sj_event_publish(kernel->segment, &event);
+    sj_trace_event(kernel, &event);
 }
 
 int32_t sj_cycle_trigger(sj_kernel *kernel, int32_t axis, int32_t trigger)
@@ -94,14 +98,14 @@ void sj_cycle_answer(sj_kernel *kernel, uint64_t goal_id, int32_t axis, int32_t 
 {
     sj_kernel_event event = {kernel->feedback.cycle + 1, kernel->feedback.time_ns, goal_id, 0.0,
                              SJ_EVENT_GOAL, axis, result, 0};
-    sj_event_publish(kernel->segment, &event);
+    sj_trace_event(kernel, &event);
 }
 
 void sj_cycle_reached(sj_kernel *kernel, uint64_t goal_id)
 {
     sj_kernel_event event = {kernel->feedback.cycle + 1, kernel->feedback.time_ns, goal_id, 0.0,
                              SJ_EVENT_REACHED, -1, 0, 0};
-    sj_event_publish(kernel->segment, &event);
+    sj_trace_event(kernel, &event);
 }
 
 uint64_t sj_cycle_all(const sj_kernel *kernel)
@@ -256,7 +260,7 @@ static void collect(sj_kernel *kernel)
 {
     sj_command *command = &kernel->command;
     int32_t stopped = kernel->ending;
-    int32_t fresh = sj_command_collect(kernel->segment, &kernel->incoming);
+    int32_t fresh = sj_trace_collect(kernel);
 
     if (fresh < 0) {
         kernel->feedback.corrupt++;
@@ -294,7 +298,7 @@ static void watch_following(sj_kernel *kernel, int32_t i)
 
 static void watch(sj_kernel *kernel, uint64_t now_ns)
 {
-    int32_t host = sj_shm_host_state(kernel->segment, now_ns);
+    int32_t host = sj_trace_host(kernel, now_ns);
     if (host != kernel->host_state) { /* once; the next host may move on */
         sj_cycle_tell(kernel, SJ_EVENT_HOST, -1, host, kernel->host_state);
         if (host == SJ_HOST_DEAD)
@@ -342,10 +346,20 @@ static void drive(sj_kernel *kernel, int32_t i)
     if (ax->drive_stop)
         rx->controlword = (uint16_t)(rx->controlword & ~SJ_CW_QUICK_STOP);
     rx->target_position = (int32_t)(uint32_t)(uint64_t)ax->target_counts; /* the counter wraps */
-    if (!ax->config.external)
+    if (ax->config.ideal)
+        sj_ideal_cycle(&ax->drive, rx, &kernel->tx[i]);
+    else if (!ax->config.external)
         sj_drive_cycle(&ax->drive, rx, &kernel->tx[i]);
     if (ax->reset > 0)
         ax->reset--;
+}
+
+/* The largest magnitudes need every cycle, whoever reads. */
+static void peaks(const sj_interpolator *ip, sj_axis_feedback *out)
+{
+    out->peak_velocity = fmax(out->peak_velocity, fabs(ip->v.hi));
+    out->peak_acceleration = fmax(out->peak_acceleration, fabs(ip->a.hi));
+    out->peak_jerk = fmax(out->peak_jerk, fabs(ip->j.hi));
 }
 
 static void report(const sj_kernel *kernel, int32_t i, sj_axis_feedback *out)
@@ -357,13 +371,9 @@ static void report(const sj_kernel *kernel, int32_t i, sj_axis_feedback *out)
     out->velocity = ip->v.hi;
     out->acceleration = ip->a.hi;
     out->jerk = ip->j.hi;
-    out->peak_velocity = fmax(out->peak_velocity, fabs(ip->v.hi));
-    out->peak_acceleration = fmax(out->peak_acceleration, fabs(ip->a.hi));
-    out->peak_jerk = fmax(out->peak_jerk, fabs(ip->j.hi));
     out->actual_position = (double)ax->actual_counts / ax->config.counts_per_unit;
     out->actual_velocity =
         tx->velocity_actual * kernel->feedback.cycle_time_s / ax->config.counts_per_unit;
-    out->goal = ax->goal.kind == SJ_GOAL_ABSOLUTE ? ax->goal.goal : out->goal;
     out->goal_id = ax->goal_id;
     out->target_counts = ax->target_counts;
     out->actual_counts = ax->actual_counts;
@@ -396,18 +406,27 @@ void sj_kernel_cycle(sj_kernel *kernel, uint64_t now_ns)
     watch(kernel, now_ns);
     collect(kernel);
     sj_ahead_take(kernel);
+    sj_path_step(kernel);
     for (int32_t i = 0; i < kernel->axes; i++) {
         sj_axis *ax = &kernel->axis[i];
-        if (ax->following) {
+        sj_axis_feedback *out = &kernel->feedback.axis[i];
+        if (ax->following && (kernel->path.led >> i & 1) == 0) {
             int32_t ahead = ax->interpolator.ahead > 0;
             sj_interpolator_step(&ax->interpolator);
             if (ahead)
                 sj_goal_reached(kernel, i);
         }
         drive(kernel, i);
-        report(kernel, i, &kernel->feedback.axis[i]);
+        peaks(&ax->interpolator, out);
+        if (ax->goal.kind == SJ_GOAL_ABSOLUTE)
+            out->goal = ax->goal.goal;
+        if (!kernel->quiet)
+            report(kernel, i, out);
     }
     kernel->feedback.cycle++;
+    sj_trace_close(kernel);
+    if (kernel->quiet)
+        return;
     kernel->feedback.override = kernel->override;
     kernel->feedback.hold = kernel->hold;
     kernel->feedback.kernel_epoch = sj_shm_kernel_epoch(kernel->segment);

@@ -192,6 +192,7 @@ static int32_t group_of(const sj_kernel *kernel, int32_t axis, uint64_t *set, in
 
 void sj_goal_halt(sj_kernel *kernel, uint64_t set)
 {
+    set &= ~sj_path_halt(kernel, set);
     for (int32_t i = 0; i < kernel->axes; i++) {
         int32_t axes[SJ_AXES], n;
         if ((set >> i & 1) == 0 || !kernel->axis[i].following)
@@ -213,6 +214,7 @@ void sj_goal_halt(sj_kernel *kernel, uint64_t set)
 
 void sj_goal_quick_stop(sj_kernel *kernel, uint64_t set)
 {
+    sj_path_leave(kernel, set);
     for (int32_t i = 0; i < kernel->axes; i++) {
         sj_axis *ax = &kernel->axis[i];
         sj_plan plan;
@@ -478,6 +480,7 @@ void sj_goal_take(sj_kernel *kernel, int32_t stopped)
         if (command->axis[i].goal.kind == SJ_GOAL_NONE)
             continue;
         *goal = command->axis[i].goal;
+        sj_path_hand_over(kernel, i);
         if (goal->kind == SJ_GOAL_RELATIVE) {
             goal->kind = SJ_GOAL_ABSOLUTE;
             goal->goal += ax->interpolator.q.hi;
@@ -492,6 +495,8 @@ void sj_goal_take(sj_kernel *kernel, int32_t stopped)
     }
     if (result == SJ_RESULT_ACCEPTED && changed)
         result = sj_goal_begin(kernel, &set);
+    if (result == SJ_RESULT_ACCEPTED)
+        sj_path_release(kernel, chosen);
     if (result == SJ_RESULT_ACCEPTED)
         sj_ahead_drop(kernel, chosen, 0, command->goal_records, SJ_RESULT_SUPERSEDED);
     for (int32_t i = 0; i < set.n && result == SJ_RESULT_ACCEPTED; i++)

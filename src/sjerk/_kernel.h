@@ -651,6 +651,78 @@ int64_t sj_follow_sample(int64_t count, int64_t joints, const double *position,
                          const double *last_jerk, const int64_t *length, const double *jerk,
                          const sj_follow_samples *out);
 
+/* ---- peers: a path in play (_track.c: where, _pace.c: when) ------------------------------------ */
+
+enum { SJ_TRACK_NUMBERS = 131072, SJ_TRACK_SEGMENTS = 2048 };
+
+enum sj_track_status {
+    SJ_TRACK_OK = 0,
+    SJ_TRACK_FULL = 1,                  /* wait: nothing was taken */
+    SJ_TRACK_ORDER = 2,                 /* not the segment that comes next */
+    SJ_TRACK_LENGTH = 3,                /* phases out of range, or no rest at the end */
+    SJ_TRACK_NUMBER = 4,                /* a number that is none */
+    SJ_TRACK_BROKEN = 5,                /* does not go on where the segment before ends */
+    SJ_TRACK_LIMIT = 6,                 /* velocity, acceleration or jerk beyond the axis' own */
+    SJ_TRACK_POSITION = 7               /* leaves the position limits */
+};
+
+/* A segment for one axis: the way-point at its end, the continuous state at its first knot, the jerk
+ * of the cycle before that, and one per phase. Per cycle, as `Followed` has them. */
+typedef struct {
+    double position, velocity, acceleration, last_jerk;
+    double jerk[4];
+} sj_track_axis;
+
+typedef struct {
+    int64_t begin;                      /* path cycle of its first knot */
+    int64_t number;                     /* of the way-point at its end */
+    int64_t cycles[4];
+} sj_track_segment;
+
+/* What an axis allows. */
+typedef struct {
+    double velocity, acceleration, jerk, position_min, position_max;
+} sj_track_limits;
+
+/* The window of a path: segments first .. first + count - 1, each in slot (index % capacity). */
+typedef struct {
+    int32_t axes, capacity;
+    int64_t first, count;
+    int64_t end;                        /* path cycle where what is known ends */
+    int64_t number;                     /* of the way-point there */
+    int32_t whole;                      /* 1: the path ends there */
+    int32_t axis;                       /* that the last refusal was about */
+    sj_track_limits limits[64];
+    double way_point[64], velocity[64], acceleration[64], last_jerk[64]; /* there */
+    sj_track_segment segment[2048];
+    double row[131072];                 /* per segment nine columns of all axes */
+} sj_track;
+
+/* The phase that a place of the path lies in. */
+typedef struct {
+    int64_t segment, begin, end;        /* path cycles of the phase */
+    int32_t phase, reserved;
+    double P[64], V[64], A[64];         /* continuous at its begin; P from the segment's first way-point */
+} sj_cursor;
+
+void    sj_track_begin(sj_track *track, int32_t axes, const double *position,
+                       const sj_track_limits *limits);
+int32_t sj_track_add(sj_track *track, int64_t number, const int64_t *cycles, int32_t last,
+                     const sj_track_axis *axis);
+/* Forget the segments whose way-point has this number or a later one; the number of them. */
+int64_t sj_track_cut(sj_track *track, int64_t number);
+/* Segments before this one are not needed any more. */
+void    sj_track_pass(sj_track *track, int64_t segment);
+/* The phase of path cycle `cell`, the one from cell to cell + 1; 0, or -1: not known. */
+int32_t sj_cursor_seek(const sj_track *track, int64_t cell, sj_cursor *cursor);
+/* Positions so many cycles after the phase's begin; they are the samples where the path is run at
+ * its speed. */
+void    sj_cursor_position(const sj_track *track, const sj_cursor *cursor, double cycles,
+                           double *position);
+/* The sample after the phase's c-th cycle, bit for bit that of sj_follow_sample. */
+void    sj_cursor_sample(const sj_track *track, const sj_cursor *cursor, int64_t c,
+                         const sj_follow_samples *out);
+
 /* ---- peers: states of an axis (_states.c) ---------------------------------------------------- */
 
 enum {                                  /* PLCopen, motion control part 1: the state diagram */
@@ -683,7 +755,7 @@ enum {                                  /* what leads from one to the next */
 /* The next state, or -1: refused in this state. */
 int32_t sj_axis_next(int32_t state, int32_t trigger);
 
-/* ---- wiring: interpolator (_kernel.c) and cycle (_cycle.c) ----------------------------------- */
+/* ---- wiring: interpolator (_kernel.c) ------------------------------------------------------- */
 
 enum sj_load_status {
     SJ_LOAD_OK = 0,
@@ -728,9 +800,95 @@ int32_t sj_sample(const sj_plan *plan, const void *start, const void *end,
 void    sj_lemma_plan(const sj_state *sample, double jerk, sj_state *plan);
 void    sj_lemma_sample(const sj_state *plan, double jerk, sj_state *sample);
 
+/* ---- wiring: the pace of a path in play (_pace.c) -------------------------------------------- */
+
+/* Axis-samples that one cycle checks at most, and what a plan counts as. */
+enum { SJ_PACE_CHECKS = 4096, SJ_PACE_PLAN = 256 };
+
+enum sj_pace_status {
+    SJ_PACE_RUNS = 0,
+    SJ_PACE_RESTS = 1,                  /* on the path, as it was told */
+    SJ_PACE_STARVES = 2,                /* rests, or comes to rest, for want of segments */
+    SJ_PACE_DONE = 3,                   /* on the last way-point */
+    SJ_PACE_LOST = 4                    /* no place to go: what was known is over, in motion */
+};
+
+/* Path cycles passed, a motion of its own: speed 1 is the path as it was planned. */
+typedef struct {
+    sj_interpolator s;                  /* beyond `origin` */
+    int64_t origin;
+} sj_pace;
+
+/* A pace on its track, cycle by cycle. */
+typedef struct {
+    sj_pace pace;
+    sj_cursor cursor;
+    double past[4][64];                 /* positions of the last four cycles, the newest first */
+} sj_run;
+
+enum sj_search_kind {
+    SJ_SEARCH_NONE = 0,
+    SJ_SEARCH_CHANGE = 1,               /* to another speed, as soon as possible */
+    SJ_SEARCH_STOP = 2,                 /* at the end of what is known, as late as possible */
+    SJ_SEARCH_AWAY = 3,                 /* above speed 1 for a while, and back */
+    SJ_SEARCH_STAY = 4,                 /* there for longer */
+    SJ_SEARCH_SOONER = 5                /* a change that is under way, harder */
+};
+
+/* The candidate that is being checked against the limits, over its whole way. */
+typedef struct {
+    int32_t kind;                       /* enum sj_search_kind */
+    int32_t rung, share;                /* how hard, how much of what is wanted */
+    int32_t stage;                      /* 0: none is under way */
+    int32_t left;                       /* cycles of this stage */
+    int32_t spent;                      /* 1: nothing found, and nothing has changed since */
+    double to;
+    int64_t known;                      /* end of the track it was made for */
+    int64_t delay;                      /* cycles until it begins */
+    int64_t cycle;                      /* of the run */
+    int64_t begin, second_at;           /* cycles in which its plans begin; second: -1 none */
+    int64_t again;                      /* cycle from which to look again */
+    sj_run run;
+    sj_pace first, second;
+} sj_search;
+
+typedef struct {
+    sj_track track;
+    sj_run run;
+    double velocity[64], acceleration[64], jerk[64];    /* of run.past[0] */
+    double wish;                        /* speed, 0 .. 2 */
+    double hardest_a, hardest_j;        /* of changes of speed */
+    double below;                       /* the highest constant speed below 1 */
+    double away;                        /* the wish that led above 1 */
+    int64_t cycle;
+    int64_t plain;                      /* cycles that were the path's own samples, in a row */
+    sj_pace next, after;                /* checked: taken over in their cycles, one after the other */
+    int64_t next_at, after_at;          /* after: -1 there is none */
+    int64_t next_known;
+    int32_t next_kind;                  /* enum sj_search_kind; NONE: there is none */
+    int32_t begun, starves;
+    int32_t rung, next_rung;            /* of the present motion, of the next */
+    int32_t rests;                      /* cycles at rest in a row, or TAIL: differences are 0 */
+    int64_t checked;                    /* path cycles that checked motions count on */
+    sj_search search;
+} sj_player;
+
+/* Needs a begun track. */
+void    sj_player_begin(sj_player *player);
+/* The positions of the next cycle, in run.past[0]; enum sj_pace_status. */
+int32_t sj_player_step(sj_player *player);
+double  sj_player_speed(const sj_player *player);
+/* Whole path cycles passed, and the rest. */
+int64_t sj_player_place(const sj_player *player, double *rest);
+/* Drop the segments from this way-point on; -1: one has begun, or a checked motion counts on it. */
+int32_t sj_player_cut(sj_player *player, int64_t number);
+/* The state of an axis from which an interpolator goes on within the limits of its jerk. */
+void    sj_player_hand_over(const sj_player *player, int32_t axis, sj_state *sample, double *jerk);
+
+/* ---- wiring: commands and feedback of the cycle (_cycle.c) ------------------------------------ */
+
 /* One cycle. Command and feedback are what the dual-port RAM carries; its layouts are hashed by
  * the host (field names, types and offsets). Positions in axis units, time in cycles. */
-
 enum sj_result {                        /* what became of a goal */
     SJ_RESULT_NONE = 0,
     SJ_RESULT_ACCEPTED = 1,
@@ -744,7 +902,10 @@ enum sj_result {                        /* what became of a goal */
     SJ_RESULT_SPEED = 9,                /* refused: faster than the drive follows */
     SJ_RESULT_SUPERSEDED = 10,          /* never begun: cancelled, or a newer goal came */
     SJ_RESULT_KIND = 11,                /* refused: a record of no known kind, or out of place */
-    SJ_RESULTS = 12
+    SJ_RESULT_START = 12,               /* refused: the path does not begin where the axes are */
+    SJ_RESULT_SEGMENT = 13,             /* refused: a segment is none, or does not go on from the last */
+    SJ_RESULT_BEGUN = 14,               /* refused: what is to be replaced has begun */
+    SJ_RESULTS = 15
 };
 
 enum sj_goal_kind {
@@ -765,8 +926,9 @@ enum sj_event_kind {
     SJ_EVENT_LATE = 6,                  /* value: cycles of the clock that were skipped */
     SJ_EVENT_ANCHOR = 7,                /* the drive left; the command is the actual position */
     SJ_EVENT_LIMITS = 8,                /* code: enum sj_result of new limits */
-    SJ_EVENT_REACHED = 9,               /* all axes are on the goal of goal_id, in this frame */
-    SJ_EVENTS = 10
+    SJ_EVENT_PATH = 9,                  /* code: new enum sj_path_state, value: way-point ahead */
+    SJ_EVENT_REACHED = 10,              /* all axes are on the goal of goal_id, in this frame */
+    SJ_EVENTS = 11
 };
 
 enum sj_cause {                         /* what a kernel can react to */
@@ -795,6 +957,13 @@ typedef struct {
     int32_t reserved;
 } sj_axis_goal;
 
+/* Levels for one path, by its goal id; another one runs at speed 1. */
+typedef struct {
+    uint64_t goal_id;
+    double speed;                       /* 0 .. 2, times the override */
+    int32_t pause, cancel;              /* 1: come to rest on the path; and forget it */
+} sj_path_command;
+
 /* Levels, and edges as counters: a new number is one edge, whatever was overwritten in between. */
 typedef struct {
     sj_axis_goal goal;
@@ -817,6 +986,7 @@ typedef struct {
     uint64_t cancel_axes;               /* bit n: on axis n; taken when cancels is new */
     uint32_t cancels;
     int32_t reserved;
+    sj_path_command path;
     sj_axis_command axis[64];
 } sj_command;
 
@@ -839,14 +1009,15 @@ enum sj_buffer_mode {                   /* PLCopen: how a move follows the one b
 
 typedef struct {
     sj_axis_goal goal;                  /* MOVE; of every kind: NONE = not for this axis */
-    double position;                    /* SEGMENT: way-point at its end */
+    double position;                    /* SEGMENT: way-point at its end; PATH: the first one */
     double velocity, acceleration, last_jerk;   /* continuous state at its first knot, per cycle */
     double jerk[4];                     /* of its phases */
 } sj_axis_record;
 
 typedef struct {
     uint64_t goal_id;
-    uint64_t number;                    /* SEGMENT: in its path */
+    uint64_t number;                    /* SEGMENT: of the way-point at its end; PATH: 0, or the one
+                                           from which it replaces the path that runs */
     int64_t cycles[4];                  /* SEGMENT: its phases */
     int64_t least_cycles;               /* MOVE */
     int32_t kind;                       /* enum sj_record_kind */
@@ -876,6 +1047,28 @@ typedef struct {
     double counts_per_unit, wrap;       /* wrap: axis units per turn, 0 = none */
     char unit[16];
 } sj_axis_feedback;
+
+enum sj_path_state {
+    SJ_PATH_NONE = 0,                   /* there was none yet */
+    SJ_PATH_RUNS = 1,
+    SJ_PATH_PAUSED = 2,                 /* at rest on it: pause, hold, speed 0 */
+    SJ_PATH_STARVES = 3,                /* stops or rests on it for want of segments */
+    SJ_PATH_STOPS = 4,                  /* on it, to be forgotten */
+    SJ_PATH_DONE = 5,                   /* on its last way-point */
+    SJ_PATH_STOPPED = 6,                /* at rest on it, and forgotten */
+    SJ_PATH_LEFT = 7                    /* by a quick stop, a goal, or for want of segments */
+};
+
+/* The path in play, or the last one. */
+typedef struct {
+    uint64_t goal_id, axes;             /* bit n: axis n */
+    int64_t number;                     /* of the way-point ahead */
+    int64_t known;                      /* of the last one taken */
+    double cycle;                       /* passed since the way-point before, path cycles */
+    double speed;                       /* 1 = as planned */
+    int32_t state;                      /* enum sj_path_state */
+    int32_t result;                     /* enum sj_result of its segments */
+} sj_path_feedback;
 
 enum { SJ_HISTOGRAM_BUCKETS = 400 };
 
@@ -922,6 +1115,7 @@ typedef struct {
     int32_t ring_spoilt;                /* 1: no record is taken until the host flushes the ring */
     sj_clock_report clock;
     sj_histogram latency, period, computing;
+    sj_path_feedback path;
     sj_axis_feedback axis[64];
 } sj_feedback;
 
@@ -933,9 +1127,87 @@ typedef struct {
     double velocity_max;                /* per cycle: what the drive follows; inf: unknown */
     double wrap;
     int32_t external;                   /* 1: rx and tx are exchanged by the caller */
-    int32_t reserved;
+    int32_t ideal;                      /* 1: a drive without mechanics, always on its target */
     char unit[16];
 } sj_axis_config;
+
+/* The trace: what each cycle took from outside and what it gave, in the order of the cycle. An item
+ * is one event of a segment of its own (sj_event_publish); a cycle's items end with its frame. With
+ * the inputs alone the same cycle gives the same frames, bit for bit. */
+enum sj_trace_kind {
+    SJ_TRACE_FRAME = 0,                 /* sj_trace_frame */
+    SJ_TRACE_COMMAND = 1,               /* a command as it was taken */
+    SJ_TRACE_EVENT = 2,                 /* sj_kernel_event */
+    SJ_TRACE_RECORD = 3                 /* a record of the ring as it was taken */
+};
+
+enum sj_trace_flag {
+    SJ_TRACE_MOVING = 1,
+    SJ_TRACE_SETTLED = 2,
+    SJ_TRACE_FOLLOWS = 4,
+    SJ_TRACE_PARKED = 8,
+    SJ_TRACE_DRIVE_STOP = 16
+};
+
+typedef struct {
+    uint64_t cycle;
+    uint64_t number;                    /* of a record in its ring */
+    int32_t kind;                       /* enum sj_trace_kind */
+    int32_t reserved;
+} sj_trace_head;
+
+typedef struct {
+    double position, velocity, acceleration, jerk;      /* commanded sample, per cycle */
+    double goal;
+    sj_limits limits;                   /* of the axis, in force */
+    uint64_t goal_id;
+    int64_t target_counts, actual_counts;               /* unwrapped, encoder increments */
+    int32_t velocity_actual, following_error;           /* 606Ch, 60F4h */
+    uint16_t statusword, error_code;                    /* 6041h, 603Fh */
+    int16_t torque_actual;                              /* 6077h */
+    int8_t mode_display;                                /* 6061h */
+    uint8_t state;                                      /* SJ_AXIS_... */
+    uint32_t flags;                                     /* enum sj_trace_flag */
+    uint32_t reserved;
+} sj_axis_trace;
+
+typedef struct {
+    sj_trace_head head;
+    uint64_t time_ns;                   /* of the cycle's begin, as it was given */
+    uint64_t late;                      /* inputs: cycles skipped so far, */
+    uint64_t ring_seen;                 /* records published at the begin, */
+    uint64_t ring_published;            /* and once the command was collected, */
+    uint64_t ring_taken;                /* taken or discarded at the end, */
+    int32_t host_state, ending;         /* the host as seen, the order to end, */
+    int32_t collected;                  /* what the collection of the command said, */
+    int32_t ring_status;                /* and the last taking of a record where it was none */
+    uint64_t sequence;                  /* newest command taken */
+    double override;
+    int32_t hold, reserved;
+    sj_axis_trace axis[64];
+} sj_trace_frame;
+
+typedef struct {
+    sj_trace_head head;
+    uint64_t payload[1100];             /* command, record or event, as its bytes */
+} sj_trace_message;
+
+typedef union {
+    sj_trace_frame frame;
+    sj_trace_message message;
+} sj_trace_item;
+
+/* Rows of cycle, number (both 64 bits) and payload. */
+typedef struct {
+    const uint8_t *at;
+    int64_t count;
+} sj_trace_rows;
+
+/* What a cycle of a replay is given instead of the segment; then its frame must come out. */
+typedef struct {
+    const sj_trace_frame *frame;        /* as recorded, or NULL: no replay */
+    sj_trace_rows commands, records;    /* to come */
+} sj_trace_given;
 
 typedef struct {
     sj_interpolator interpolator;
@@ -999,6 +1271,17 @@ typedef struct {
 
 uint64_t sj_record_bytes(int32_t axes);
 
+/* ---- wiring: the path in play (_path.c) ------------------------------------------------------ */
+
+typedef struct {
+    uint64_t goal_id, newest;           /* newest: highest id a record of a path had */
+    uint64_t led;                       /* bit n: axis n is led by it; 0: none is in play */
+    int32_t count;                      /* of its axes */
+    int32_t cancelled;
+    int32_t axis[64];                   /* of the kernel, by axis of the track */
+    sj_player player;
+} sj_path;
+
 typedef struct {
     void *segment;
     int32_t axes;
@@ -1007,8 +1290,17 @@ typedef struct {
     int32_t host_state;
     int32_t hold;
     uint32_t cancels;
+    int32_t collected;                  /* status of this cycle's collection of the command */
+    int32_t quiet;                      /* 1: nobody reads the feedback of this cycle (_virtual.c) */
     double override;
     uint64_t goal_id, late;
+    uint64_t ring_seen, ring_published, ring_taken;     /* of this cycle */
+    int32_t ring_status;
+    int32_t reserved;
+    void *trace;                        /* segment of the trace, or NULL */
+    sj_trace_frame *frame_out;          /* where this cycle's frame goes too, or NULL */
+    sj_trace_given given;
+    sj_trace_item item;                 /* of the trace, under the pen */
     int32_t reaction[8];                /* enum sj_reaction by enum sj_cause */
     sj_command incoming;                /* what collect fills; spoilt where it fails */
     sj_command command;
@@ -1016,6 +1308,7 @@ typedef struct {
     sj_plan plan[64];                   /* room for planning a goal */
     sj_interpolator trial[64];
     sj_ahead ahead;
+    sj_path path;
     sj_drive_rx rx[64];                 /* process image: to the drives, from the drives */
     sj_drive_tx tx[64];
     sj_axis axis[64];
@@ -1029,6 +1322,31 @@ int32_t  sj_kernel_axis(sj_kernel *kernel, int32_t axis, const sj_drive_config *
 void     sj_kernel_cycle(sj_kernel *kernel, uint64_t now_ns);
 void     sj_kernel_cycles(sj_kernel *kernel, int64_t cycles); /* in a caller's own loop */
 int32_t  sj_kernel_at_rest(const sj_kernel *kernel);    /* nothing moves, no drive is enabled */
+
+/* ---- wiring: trace (_trace.c) and virtual time (_virtual.c) ---------------------------------- */
+
+uint64_t sj_trace_frame_bytes(int32_t axes);
+uint64_t sj_trace_item_bytes(int32_t axes);             /* of one event of the trace's segment */
+int32_t  sj_trace_host(sj_kernel *kernel, uint64_t now_ns);     /* as sj_shm_host_state */
+void     sj_trace_see(sj_kernel *kernel);               /* the ring's counters, at the begin */
+int32_t  sj_trace_collect(sj_kernel *kernel);           /* as sj_command_collect, into incoming */
+int32_t  sj_trace_take(sj_kernel *kernel, sj_record *record);   /* as sj_ring_take */
+void     sj_trace_event(sj_kernel *kernel, const sj_kernel_event *event);
+void     sj_trace_close(sj_kernel *kernel);             /* the frame of this cycle */
+/* Items after *cursor, at most `room`, back to back; how many. Any process, at any time. */
+int64_t  sj_trace_drain(const void *segment, uint64_t *cursor, uint64_t *missed, int64_t room,
+                        void *items);
+
+/* Cycles in virtual time from now_ns on; `frames` (one each, back to back) may be NULL. */
+void     sj_virtual_run(sj_kernel *kernel, int64_t cycles, uint64_t now_ns, uint64_t period_ns,
+                        void *frames);
+/* Recorded cycles again. Returns how many came out the same, bit for bit; where one did not, its
+ * frame is in kernel->item. */
+int64_t  sj_virtual_replay(sj_kernel *kernel, int64_t cycles, const void *frames,
+                           int64_t command_count, const void *commands, int64_t record_count,
+                           const void *records);
+/* A drive without mechanics: its state machine by the words, its position the target's. */
+void     sj_ideal_cycle(sj_drive *drive, const sj_drive_rx *rx, sj_drive_tx *tx);
 
 /* ---- wiring: the clock (_clock.c) ------------------------------------------------------------ */
 
