@@ -106,6 +106,13 @@ void sj_cycle_answer(sj_kernel *kernel, uint64_t goal_id, int32_t axis, int32_t 
     sj_trace_event(kernel, &event);
 }
 
+void sj_cycle_reached(sj_kernel *kernel, uint64_t goal_id)
+{
+    sj_kernel_event event = {kernel->feedback.cycle + 1, kernel->feedback.time_ns, goal_id, 0.0,
+                             SJ_EVENT_REACHED, -1, 0, 0};
+    sj_trace_event(kernel, &event);
+}
+
 uint64_t sj_cycle_all(const sj_kernel *kernel)
 {
     return kernel->axes == 64 ? UINT64_MAX : (UINT64_C(1) << kernel->axes) - 1;
@@ -127,7 +134,7 @@ static void anchor(sj_axis *ax)
     sj_state actual = {(double)ax->actual_counts / ax->config.counts_per_unit, 0.0, 0.0};
     sj_interpolator_start(&ax->interpolator, &actual);
     ax->goal.kind = SJ_GOAL_NONE;
-    ax->parked = ax->reached = 0;
+    ax->parked = ax->reached = ax->onward = 0;
 }
 
 static void observe_homing(sj_kernel *kernel, int32_t i)

@@ -927,7 +927,8 @@ enum sj_event_kind {
     SJ_EVENT_ANCHOR = 7,                /* the drive left; the command is the actual position */
     SJ_EVENT_LIMITS = 8,                /* code: enum sj_result of new limits */
     SJ_EVENT_PATH = 9,                  /* code: new enum sj_path_state, value: way-point ahead */
-    SJ_EVENTS = 10
+    SJ_EVENT_REACHED = 10,              /* all axes are on the goal of goal_id, in this frame */
+    SJ_EVENTS = 11
 };
 
 enum sj_cause {                         /* what a kernel can react to */
@@ -1214,16 +1215,18 @@ typedef struct {
     sj_drive drive;
     sj_axis_config config;
     sj_axis_goal goal;                  /* in execution, or reached; absolute */
+    double start;                       /* where the goal's motion began */
     double line;                        /* its share of a straight line, 0: not on one */
     int64_t actual_counts;              /* 6064h unwrapped */
     int64_t target_counts;              /* sent last */
     int64_t least_cycles;
-    uint64_t goal_id;
+    uint64_t goal_id, goal_axes;        /* goal_axes: bit n = axis n */
     int32_t synchronization;
     int32_t state;                      /* SJ_AXIS_... */
     int32_t following;                  /* the command leads, the drive follows */
     int32_t parked;                     /* held on its way to the goal */
     int32_t reached;                    /* has been on the goal */
+    int32_t onward;                     /* passes its goal; a queued move takes over there */
     int32_t error;                      /* stopped by the kernel; until reset */
     int32_t enable;
     int32_t reset;                      /* cycles left of a fault reset's edge */
@@ -1244,6 +1247,10 @@ typedef struct {
     sj_record record;
     uint64_t number;                    /* of the ring */
     uint64_t axes;                      /* bit n: axis n */
+    uint64_t passing;                   /* axes of the move before that pass their goal for it */
+    double share;                       /* of the velocity to pass with; what is tried next */
+    int32_t spent;                      /* has its answer; begun only to come to rest */
+    int32_t reserved;
 } sj_held;
 
 /* Records first .. last of these axes are not begun. */

@@ -219,6 +219,7 @@ class EventKind(IntEnum):
     ANCHOR = lib.SJ_EVENT_ANCHOR
     LIMITS = lib.SJ_EVENT_LIMITS
     PATH = lib.SJ_EVENT_PATH
+    REACHED = lib.SJ_EVENT_REACHED
 
 
 @dataclass(frozen=True)
@@ -228,7 +229,8 @@ class Event:
     ``axis`` is None for all. ``code``: of a goal or of limits the ``enum sj_result``, of a state
     the new ``AxisState``, of a path the new ``PathState``, of a fault the drive's 603Fh (-1: homing
     failed). ``value``: the state before, the way-point ahead, the following error (axis unit), or
-    how many cycles were late.
+    how many cycles were late. REACHED: in the frame ``cycle`` all axes of ``goal_id`` are on their
+    goals, to the last bit.
     """
 
     cycle: int
