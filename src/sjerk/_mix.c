@@ -126,8 +126,9 @@ static void find_summit(const task *t, double j, double top, double first, summi
     m->known = 1;
 }
 
-/* The legal path of n cycles to (v1, 0) that gets furthest up; 0 if there is none. */
-static int extreme(const task *t, double j, double n, summit *m, path *x)
+/* The legal path of n cycles to (v1, 0) that gets furthest up, from an acceleration that can end on a
+   node; 0 if there is none. */
+static int furthest(const task *t, double j, double n, summit *m, path *x)
 {
     double dv = t->v1 - t->v0, first = fabs(t->a0) / j, carry = t->v0 + t->a0 * first / 2;
     if (n < first * (1 - SLACK) || fabs(carry) > t->vmax * (1 + SLACK)) return 0;
@@ -162,7 +163,35 @@ static int extreme(const task *t, double j, double n, summit *m, path *x)
         }
     }
     extreme_path(t, j, n, s, r, x);
-    return fabs(sj_path_change(x) - dv) <= 1e-13 * reach;
+    /* a crossing cut short by an acceleration limit peaks higher */
+    return fabs(sj_path_change(x) - dv) <= 1e-13 * reach
+        && sj_path_peak(x, t->v0) <= t->vmax * (1 + 2 * SLACK);
+}
+
+/* The same from any acceleration: where zero on a node would carry the velocity over its limit, the
+   gentlest crossing comes first. */
+static int extreme(const task *t, double j, double n, summit *m, path *x)
+{
+    double whole_cycles = t->a0 > 0 ? whole(t->a0 / j) : 0, left = t->a0 - whole_cycles * j;
+    double v = t->v0 + whole_cycles * (t->a0 - whole_cycles * j / 2), room = t->vmax - v;
+    if (!(t->a0 > 0 && left > 2 * room + 2 * SLACK * t->vmax)) return furthest(t, j, n, m, x);
+    double across = left * left / (2 * most(0, room)), most_j = least(j, left + t->ad);
+    double head = whole_cycles + 1;
+    if (!(across * (1 - 1e-9) <= most_j && n > head)) return 0;
+    across = least(across, most_j);
+    task u = *t;
+    u.v0 = v + left - across / 2;
+    u.a0 = left - across;
+    if (!furthest(&u, j, n - head, m, x)) return 0;
+    int more = whole_cycles > 0 ? 2 : 1;
+    for (int i = x->count - 1; i >= 0; i--) {
+        x->k[i + more] = x->k[i] + head;
+        x->a[i + more] = x->a[i];
+    }
+    x->k[0] = 0; x->a[0] = t->a0;
+    if (more == 2) { x->k[1] = whole_cycles; x->a[1] = left; }
+    x->count += more;
+    return 1;
 }
 
 static double path_at(const path *x, int *i, double k)
