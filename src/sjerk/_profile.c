@@ -522,20 +522,33 @@ static void note_scale(sj_plan *p, const sj_limits *l)
     p->acceleration = most(l->acceleration, l->deceleration);
 }
 
-/* A move whose first acceleration would break the velocity limit if it ended on a node. The ways may
-   cross zero by themselves; else a crossing comes first, the gentlest, or the hardest where that is
-   much later. */
-static int move_across(const task *start, sj_plan *p)
+/* A move, or a change of velocity where `ramp`, whose first acceleration would break the velocity
+   limit if it ended on a node. The ways may cross zero by themselves; else a crossing comes first,
+   the gentlest or the hardest, whichever is sooner. */
+static int across(const task *start, int ramp, sj_plan *p)
 {
-    task t = *start, u = *start;
     sj_plan q = *p, r = *p;
+    task t = *start;
     int64_t used = p->cycles;
-    int direct = sj_move(&t, &q, 1);
-    if (direct && !sj_leaves_velocity(&t, &q, used)) { *p = q; return 1; }
-    sj_settle(&t, p);
-    int ok = sj_move(&t, p, 1);
-    if (ok && direct && p->cycles <= q.cycles) return 1;
-    if (sj_cross(&u, &r) && sj_move(&u, &r, 1) && (!ok || r.cycles < p->cycles)) { *p = r; ok = 1; }
+    int ok = 0;
+    if ((ramp ? sj_go_to_velocity(&t, t.v1, &q) : sj_move(&t, &q, 1))
+        && !sj_leaves_velocity(start, &q, used)) {
+        if (start->ju == start->jd || q.kind != SJ_PLAN_MIX) { *p = q; return 1; }
+        ok = 1;
+    }
+    t = *start;
+    if (!ok) {
+        q = *p;
+        sj_settle(&t, &q);
+        ok = ramp ? sj_go_to_velocity(&t, t.v1, &q) : sj_move(&t, &q, 1);
+        t = *start;
+    }
+    if (sj_cross(&t, &r) && (ramp ? sj_go_to_velocity(&t, t.v1, &r) : sj_move(&t, &r, 1))
+        && (!ok || r.cycles < q.cycles)) {
+        *p = r;
+        return 1;
+    }
+    *p = q;
     return ok;
 }
 
@@ -545,7 +558,7 @@ int32_t sj_plan_move(double h, double v0, double a0, double v1, const sj_limits 
     if (!valid(h, v0, a0, v1, l)) return SJ_PLAN_INVALID;
     task t = task_of(h, v0, a0, v1, l);
     int lands = sj_come_back(&t, p), back = p->count > 0 ? SJ_PLAN_RETURN : 0;
-    int ok = lands ? sj_move(&t, p, 1) : move_across(&t, p);
+    int ok = lands ? sj_move(&t, p, 1) : across(&t, 0, p);
     p->kind += back;
     note_scale(p, l);
     return ok ? SJ_PLAN_OK : SJ_PLAN_TOO_LONG;
@@ -556,14 +569,8 @@ int32_t sj_plan_velocity(double v0, double a0, double v1, const sj_limits *l, sj
     sj_begin(p);
     if (!valid(0, v0, a0, v1, l)) return SJ_PLAN_INVALID;
     task t = task_of(0, v0, a0, v1, l);
-    int lands = sj_come_back(&t, p), back = p->count > 0 ? SJ_PLAN_RETURN : 0, ok = 0;
-    if (!lands) {
-        sj_plan q = *p;
-        task u = t;
-        ok = sj_go_to_velocity(&u, u.v1, &q) && !sj_leaves_velocity(&t, &q, p->cycles);
-        if (ok) *p = q; else sj_settle(&t, p);
-    }
-    if (!ok && !sj_go_to_velocity(&t, t.v1, p)) return SJ_PLAN_TOO_LONG;
+    int lands = sj_come_back(&t, p), back = p->count > 0 ? SJ_PLAN_RETURN : 0;
+    if (!(lands ? sj_go_to_velocity(&t, t.v1, p) : across(&t, 1, p))) return SJ_PLAN_TOO_LONG;
     p->kind = SJ_PLAN_RAMP + back;
     note_scale(p, l);
     return SJ_PLAN_OK;

@@ -15,10 +15,11 @@ int sj_go_to_velocity(task *t, double v, sj_plan *p)
     path x;
     double j = t->ju;
     if (t->ju != t->jd) {
-        double jz = t->a0 > 0 ? t->ju : t->jd, z = t->v0 + t->a0 * fabs(t->a0) / (2 * jz);
-        if (t->a0 != 0 && (t->a0 > 0 ? v >= z + jz / 8 : v <= z - jz / 8)) j = jz;
+        /* beyond what zero on a node costs the sign stays; else it changes on a node */
+        double s = t->a0 > 0 ? 1 : -1, jz = s > 0 ? t->ju : t->jd, a = s * t->a0;
+        double n = whole(a / jz), landed = n * (a - n * jz / 2) + (a - n * jz) / 2;
+        if (a > 0 && s * (v - t->v0) >= landed) j = jz;
         else {
-            /* the sign changes: on a node */
             sj_shed(t, p);
             j = v > t->v0 ? t->ju : t->jd;
         }
