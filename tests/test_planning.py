@@ -298,7 +298,35 @@ def long_runs(config: pytest.Config) -> int:
     return int(config.getoption("--planner-states"))
 
 
-@pytest.mark.parametrize("asymmetric", [False, True], ids=["even", "uneven"])
+def drawn(
+    rng: np.random.Generator, n: int, unit: str, kind: str, *, asymmetric: bool
+) -> tuple[check.Requests, float]:
+    """Random requests in a unit, and their cycle time."""
+    if unit == check.COARSE:
+        cycle_time = float(rng.choice([1e-3, 2e-3, 5e-3, 1e-2]))
+        return check.draw_coarse(rng, n, kind, asymmetric=asymmetric, T=cycle_time), cycle_time
+    return check.draw(rng, n, kind, scale=check.UNITS[unit], asymmetric=asymmetric), T
+
+
+def worst_of(worst: dict[str, float], found: dict[str, check.Array], r: check.Requests) -> None:
+    """Within every limit and at the goal; keeps the largest figures."""
+    for name, values in found.items():
+        i = int(values.argmax())
+        worst[name] = max(worst.get(name, 0.0), float(values[i]))
+        bound = WITHIN if name in "vaj" else 1e-9
+        assert values[i] <= bound, (name, values[i], r.start[i], r.target[i], r.limits[i])
+
+
+def told(capsys: pytest.CaptureFixture[str], text: str) -> None:
+    """Progress and figures of a long run."""
+    with capsys.disabled():
+        sys.stderr.write(text)
+
+
+SYMMETRY = pytest.mark.parametrize("asymmetric", [False, True], ids=["even", "uneven"])
+
+
+@SYMMETRY
 @pytest.mark.parametrize("kind", check.KINDS)
 @pytest.mark.parametrize("unit", list(check.UNITS))
 def test_random_states_in_every_unit(
@@ -315,27 +343,55 @@ def test_random_states_in_every_unit(
     longest_ulps = 0.0
     while done < total:
         n = min(20_000, total - done)
-        r = check.draw(rng, n, kind, scale=check.UNITS[unit], asymmetric=asymmetric)
-        plans = plan_many(r.start, r.target, r.limits, T)
-        for name, values in check.judge(r, plans, T).items():
-            worst[name] = max(worst.get(name, 0.0), float(values.max()))
-            i = int(values.argmax())
-            bound = WITHIN if name in "vaj" else 1e-9
-            assert values[i] <= bound, (name, values[i], r.start[i], r.target[i], r.limits[i])
-        spread = np.abs(check.lands(r, plans, T))
-        way = np.abs(r.start[:, 0]) + np.abs(r.target[:, 0]) + plans.cycles * T * r.limits[:, 0]
+        r, cycle_time = drawn(rng, n, unit, kind, asymmetric=asymmetric)
+        plans = plan_many(r.start, r.target, r.limits, cycle_time)
+        worst_of(worst, check.judge(r, plans, cycle_time), r)
+        spread = np.abs(check.lands(r, plans, cycle_time))
+        per_cycle = r.limits[:, 0] * cycle_time + np.abs(plans.raw["phase"]["jerk"][:, 0])
+        way = np.abs(r.start[:, 0]) + np.abs(r.target[:, 0]) + plans.cycles * per_cycle
         longest_ulps = max(longest_ulps, float(np.max(spread / np.spacing(way))))
         done += n
         if total > 100_000:
-            with capsys.disabled():
-                sys.stderr.write(f"\r{unit} {kind} {(asymmetric and 'uneven') or 'even'}: {done}")
+            told(capsys, f"\r{unit} {kind} {(asymmetric and 'uneven') or 'even'}: {done}")
     assert longest_ulps <= 64.0
     if total > 100_000:
-        with capsys.disabled():
-            figures = ", ".join(f"{name} {value:.12g}" for name, value in worst.items())
-            sys.stderr.write(
-                f" plans, 0 failures; worst {figures}; spread {longest_ulps:.1f} ulp\n"
-            )
+        figures = ", ".join(f"{name} {value:.12g}" for name, value in worst.items())
+        told(capsys, f" plans, 0 failures; worst {figures}; spread {longest_ulps:.1f} ulp\n")
+
+
+@SYMMETRY
+@pytest.mark.parametrize("what", ["velocity", "length", "together"])
+@pytest.mark.parametrize("unit", ["radians", check.COARSE])
+def test_random_states_in_every_way(
+    unit: str,
+    what: str,
+    asymmetric: bool,
+    pytestconfig: pytest.Config,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """The same for changes of velocity, plans of a given length, and axes of one length."""
+    total, done = long_runs(pytestconfig), 0
+    rng = np.random.default_rng(abs(hash_of(unit, what, asymmetric)))
+    worst: dict[str, float] = {}
+    while done < total:
+        n = min(20_000, total - done) // 4 * 4
+        kind = str(rng.choice(["start", "target"]))
+        r, cycle_time = drawn(rng, n, unit, kind, asymmetric=asymmetric)
+        if what == "velocity":
+            plans = check.changes(r, cycle_time)
+        elif what == "length":
+            shortest = plan_many(r.start, r.target, r.limits, cycle_time).cycles
+            more = 10.0 ** rng.uniform(0, 2, n) + shortest * rng.choice([0.0, 1.0], n)
+            plans = check.stretched(r, cycle_time, shortest + more.astype(np.int64))
+        else:
+            plans = check.together(r, cycle_time, 4)
+        worst_of(worst, check.judge(r, plans, cycle_time, change=what == "velocity"), r)
+        done += n
+        if total > 100_000:
+            told(capsys, f"\r{unit} {what} {(asymmetric and 'uneven') or 'even'}: {done}")
+    if total > 100_000:
+        figures = ", ".join(f"{name} {value:.12g}" for name, value in worst.items())
+        told(capsys, f" plans, 0 failures; worst {figures}\n")
 
 
 def hash_of(*parts: object) -> int:

@@ -226,9 +226,40 @@ static void mixed(const task *t, double n, const path *x, double px, const path 
     }
 }
 
-static int mix_put(const task *t, const path *z, sj_plan *p)
+/* What the roots of the extremes left of velocity and distance is taken up by two levels, where that
+   is far below what the limits are kept to: the one with the widest neighbourhood on each side of
+   the middle. */
+static void polish(const task *t, path *z)
+{
+    int at[2] = {0, 0}, middle = z->count / 2;
+    double width[2] = {0, 0}, reach[2], slope[2];
+    for (int i = 1; i + 1 < z->count; i++) {
+        double w = (z->k[i + 1] - z->k[i - 1]) / 2;
+        int s = i >= middle;
+        if (z->a[i] != 0 && w > width[s]) { width[s] = w; at[s] = i; }
+    }
+    if (!at[0] || !at[1]) return;
+    double end = z->k[z->count - 1];
+    for (int s = 0; s < 2; s++) {
+        const double *k = &z->k[at[s]];
+        reach[s] = end - (k[-1] + k[0] + k[1]) / 3;
+        slope[s] = 1 / least(k[0] - k[-1], k[1] - k[0]);
+    }
+    double dv = t->v1 - t->v0 - sj_path_change(z), dp = t->h - sj_path_distance(z, t->v0);
+    double later = (dp - reach[0] * dv) / (reach[1] - reach[0]);
+    double change[2] = {(dv - later) / width[0], later / width[1]};
+    const double room = 4 * SLACK;
+    for (int s = 0; s < 2; s++) {
+        double level = room * (z->a[at[s]] > 0 ? t->au : t->ad);
+        if (!(fabs(change[s]) <= least(level, room * least(t->ju, t->jd) / slope[s]))) return;
+    }
+    for (int s = 0; s < 2; s++) z->a[at[s]] += change[s];
+}
+
+static int mix_put(const task *t, path *z, sj_plan *p)
 {
     if (p->count + z->count > SJ_PHASES) return 0;
+    polish(t, z);
     sj_path_put(p, z, t);
     p->kind = SJ_PLAN_MIX;
     return 1;
