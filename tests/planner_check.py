@@ -18,10 +18,11 @@ from sjerk.planning import _PLAN_DTYPE, Plans
 Array = NDArray[np.float64]
 WITHIN = 1.0 + 1e-9
 COARSE = "coarse"
-#: Scale of each unit to radians. In the coarse one a cycle is long: one cycle of jerk is 0.01 to 1000
-#: times all acceleration, one of acceleration up to 30 times the velocity, most states at limits.
+#: Scale of each unit to radians. In the coarse one a cycle is long: one cycle of jerk is 0.01 to
+#: 1000 times all acceleration, one of acceleration up to 30 times the velocity; most states lie at
+#: their limits.
 UNITS = {"radians": 1.0, "millimetres": 1e3, "increments": 2**24 / (2 * np.pi), COARSE: 1.0}
-#: Crossings of zero that are followed, each three times nearer to the verdict.
+#: Crossings of zero that are followed, each nearly six times nearer to the verdict.
 TURNS = 40
 KINDS = ("rest", "start", "target")
 
@@ -81,7 +82,7 @@ def draw(
 def draw_coarse(
     rng: np.random.Generator, n: int, kind: str, *, asymmetric: bool = False, T: float = 1e-3
 ) -> Requests:
-    """n requests where one cycle is coarse; starts that can keep their limits in continuous time."""
+    """Requests where a cycle is coarse; in continuous time the starts can keep their limits."""
     parts: list[Requests] = []
     while sum(map(len, parts)) < n:
         m = n + 100
@@ -129,8 +130,8 @@ def draw_coarse(
 class Turning:
     """What whole cycles can do about an acceleration that carries the velocity to its limit.
 
-    Arrays of states (V, A), in cycles, of motions whose limits lie as in `in_cycles`. See "What whole
-    cycles can keep" in docs/explanation/planner.md for the rule and its proof.
+    Arrays of states (V, A), in cycles, of motions whose limits lie as in `in_cycles`. The rule and
+    its proof: "What whole cycles can keep" in docs/explanation/planner.md.
     """
 
     def __init__(self, V: Array, A: Array, limits: Array, d: Array) -> None:
@@ -145,7 +146,7 @@ class Turning:
         self.v = v + full * (a - full * jerk / 2)
 
     def keeps(self, w: Array) -> NDArray[np.bool_]:
-        """Whether some sequence of legal cycles keeps the velocity within w and ends the acceleration.
+        """Whether legal cycles can keep the velocity within w until the acceleration ends.
 
         Each crossing is the gentlest that keeps w.
         """
@@ -200,7 +201,7 @@ def in_cycles(r: Requests, T: float) -> tuple[Array, Array, Array, Array, Array,
 
 
 def added(x: Array, y: Array) -> tuple[Array, Array]:
-    """The sum and what rounding takes from it (Knuth): a long cruise multiplies what is left of A."""
+    """The sum and what rounding takes from it (Knuth): long cruises multiply what is left of A."""
     total = x + y
     part = total - x
     return total, (x - (total - part)) + (y - part)
@@ -222,8 +223,10 @@ def lost_in_product(x: Array, y: Array) -> Array:
 def judge(r: Requests, plans: Plans, T: float, *, change: bool = False) -> dict[str, Array]:
     """Largest use of each limit per plan (1 = at the limit), and how far the ends are off.
 
-    The velocity is held against `velocity_bound`: the limit of a start that can keep it. Velocity and acceleration at every node and, for the velocity, at zeros of the acceleration
-    inside phases. `position`, `velocity`: what is missing at the end, relative to way and limit.
+    The velocity is held against `velocity_bound`: the limit, of a start that can keep it.
+    Velocity and acceleration at every node; the velocity also where the acceleration is zero inside
+    phases.
+    `position`, `velocity`: what is missing at the end, relative to way and limit.
     `change`: plans of a change of velocity, which end where they do.
     """
     h, V, A, v1, limits, d = in_cycles(r, T)

@@ -15,8 +15,9 @@
    Never here: a distance to be met, a target. */
 #include "_plan.h"
 
-/* Crossings of zero one after another. Each brings a start that can keep its limits three times
-   nearer to the end, so more are needed by one start in 3^TURNS only. */
+/* Crossings of zero one after another. More than one are needed only where a cycle of acceleration is
+   more than the velocity limit twice over; and each takes such a start nearly six times farther from
+   those that swing for ever, so more than these are needed by one in 10^9. */
 enum { TURNS = 12 };
 
 /* Where full jerk leads: after n cycles `left` of the acceleration, less than one cycle's jerk, at
