@@ -8,7 +8,8 @@ from typing import Any
 import pytest
 
 from conftest import Report
-from sjerk import Axis, Limits, MotionKernel, scurve
+from sjerk import Axis, Limits, MotionKernel, replay, scurve, simulate
+from sjerk._binding import lib
 
 AXIS = Axis(Limits(90.0, 500.0, 5000.0), counts_per_unit=2**24 / 360)
 
@@ -40,6 +41,41 @@ def test_one_cycle_called_from_python(benchmark: Any, axes: int) -> None:
     kernel = moving(axes)
     benchmark.extra_info["against"] = {f"test_one_cycle_in_c[{axes}]": ""}
     benchmark(kernel.step)
+
+
+@pytest.mark.parametrize("axes", [1, 7])
+def test_one_cycle_with_its_trace(benchmark: Any, axes: int) -> None:
+    """The same with the trace that a recorder reads."""
+    kernel = moving(axes)
+    kernel._tapped(None)
+    benchmark.extra_info["per"] = 100
+    benchmark.extra_info["against"] = {f"test_one_cycle_in_c[{axes}]": ""}
+    benchmark(lib.sj_kernel_cycles, kernel._kernel, 100)
+
+
+@pytest.mark.parametrize("drive", ["simulated", "ideal"])
+def test_virtual_time(report: Report, drive: str) -> None:
+    """simulate() of seven axes at 1 ms that move all the time, and the replay of it."""
+    goal = {"simulated": 100, "ideal": 1000}[drive]
+    axis = AXIS if drive == "simulated" else Axis(AXIS.limits, AXIS.counts_per_unit, "ideal")
+    cycles, slow = 60_000, Limits(0.5, 500.0, 5000.0)
+    script: list[tuple[int, Any]] = [
+        (1, lambda host: host.enable()),
+        (20, lambda host: host.move([36.0] * 7, limits=slow)),
+    ]
+    speeds = []
+    for _ in range(5):
+        kernel = MotionKernel([axis] * 7, 1e-3)
+        begun = time.perf_counter()
+        recording = simulate(kernel, script, cycles)
+        speeds.append(cycles * 1e-3 / (time.perf_counter() - begun))
+    assert recording.velocity[-1].all()
+    done = replay(recording)
+    assert done.identical
+    report.line(
+        "virtual time, seven axes at 1 ms, times real time (best of 5)",
+        f"{drive:10} simulate {max(speeds):6.0f} (goal {goal})   replay {done.speed:6.0f}",
+    )
 
 
 def test_one_scurve_from_python(benchmark: Any) -> None:

@@ -18,6 +18,8 @@ from sjerk.host import Host, Move, MoveState
 from sjerk.kernel import Axis, Image, MotionKernel, Reactions
 from sjerk.planning import Motion, Plans, plan, plan_many, plan_velocity
 from sjerk.profile import Extrema, Limits, Phase, Profile, Range, Samples, State, scurve
+from sjerk.recording import Gap, Recorder, Recording
+from sjerk.simulation import Difference, Replay, replay, simulate
 from sjerk.states import AxisState
 from sjerk.trajectory import ExecutionMode, Fault, FaultKind, Trajectory, TrajectoryError, resample
 
@@ -27,6 +29,7 @@ __all__ = [
     "AxisState",
     "Clock",
     "ClockReport",
+    "Difference",
     "Drive",
     "DriveConfig",
     "Event",
@@ -37,6 +40,7 @@ __all__ = [
     "FaultKind",
     "Feedback",
     "Followed",
+    "Gap",
     "Grant",
     "Host",
     "Image",
@@ -55,7 +59,10 @@ __all__ = [
     "Profile",
     "Range",
     "Reactions",
+    "Recorder",
+    "Recording",
     "RefusedError",
+    "Replay",
     "Samples",
     "Segment",
     "SjerkError",
@@ -70,6 +77,8 @@ __all__ = [
     "plan",
     "plan_many",
     "plan_velocity",
+    "replay",
     "resample",
     "scurve",
+    "simulate",
 ]

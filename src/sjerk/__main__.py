@@ -11,7 +11,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from sjerk import commands, demo
+from sjerk import commands, demo, record_commands
 from sjerk.errors import (
     KernelGoneError,
     MotionStoppedError,
@@ -43,6 +43,7 @@ def arguments() -> argparse.ArgumentParser:
         run=lambda o: demo.run(o.path, o.out, o.cycle_us / 1e6, o.joint),
     )
     commands.add_arguments(jobs)
+    record_commands.add_arguments(jobs)
     job = jobs.add_parser("clean", help="remove the segments of kernels that are dead")
     job.add_argument("--dry-run", action="store_true", help="list, remove nothing")
     job.set_defaults(run=_clean)

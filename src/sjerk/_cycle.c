@@ -31,6 +31,7 @@ int32_t sj_kernel_init(sj_kernel *kernel, void *segment, int32_t axes, double cy
     kernel->segment = segment;
     kernel->axes = axes;
     kernel->override = 1.0;
+    sj_ahead_start(&kernel->ahead);
     kernel->reaction[SJ_CAUSE_HOST_DEATH] = SJ_REACT_HALT;
     kernel->reaction[SJ_CAUSE_HOST_SILENCE] = SJ_REACT_HALT;
     kernel->reaction[SJ_CAUSE_DRIVE_FAULT] = SJ_REACT_HALT;
@@ -49,7 +50,11 @@ int32_t sj_kernel_axis(sj_kernel *kernel, int32_t axis, const sj_drive_config *d
     sj_axis *ax = &kernel->axis[axis];
     sj_axis_feedback *out = &kernel->feedback.axis[axis];
     ax->config = *config;
-    if (!config->external) {
+    if (config->ideal) {
+        ax->drive = (sj_drive){.state = SJ_STATE_SWITCH_ON_DISABLED};
+        ax->drive.config.period_s = kernel->feedback.cycle_time_s;
+        sj_ideal_cycle(&ax->drive, &kernel->rx[axis], &kernel->tx[axis]);
+    } else if (!config->external) {
         int32_t status = sj_drive_init(&ax->drive, drive);
         if (status != 0)
             return status;
@@ -72,10 +77,9 @@ int32_t sj_kernel_axis(sj_kernel *kernel, int32_t axis, const sj_drive_config *d
 void sj_cycle_tell(sj_kernel *kernel, int32_t kind, int32_t axis, int32_t code, double value)
 {
     sj_kernel_event event = {kernel->feedback.cycle + 1, kernel->feedback.time_ns,
-                             axis >= 0 && kind != SJ_EVENT_GOAL ? kernel->axis[axis].goal_id
-                                                                : kernel->goal_id,
-                             value, kind, axis, code, 0};
-    sj_event_publish(kernel->segment, &event);
+                             axis >= 0 ? kernel->axis[axis].goal_id : kernel->goal_id, value,
+                             kind, axis, code, 0};
+    sj_trace_event(kernel, &event);
 }
 
 int32_t sj_cycle_trigger(sj_kernel *kernel, int32_t axis, int32_t trigger)
@@ -90,12 +94,19 @@ int32_t sj_cycle_trigger(sj_kernel *kernel, int32_t axis, int32_t trigger)
     return 0;
 }
 
-static uint64_t all_axes(const sj_kernel *kernel)
+void sj_cycle_answer(sj_kernel *kernel, uint64_t goal_id, int32_t axis, int32_t result)
+{
+    sj_kernel_event event = {kernel->feedback.cycle + 1, kernel->feedback.time_ns, goal_id, 0.0,
+                             SJ_EVENT_GOAL, axis, result, 0};
+    sj_trace_event(kernel, &event);
+}
+
+uint64_t sj_cycle_all(const sj_kernel *kernel)
 {
     return kernel->axes == 64 ? UINT64_MAX : (UINT64_C(1) << kernel->axes) - 1;
 }
 
-static void react(sj_kernel *kernel, int32_t cause, uint64_t axes)
+void sj_cycle_react(sj_kernel *kernel, int32_t cause, uint64_t axes)
 {
     if (kernel->reaction[cause] == SJ_REACT_HALT)
         sj_goal_halt(kernel, axes);
@@ -137,6 +148,8 @@ static void observe(sj_kernel *kernel, int32_t i)
     ax->actual_counts += (int32_t)change;
     ax->following = sj_master_follows_position(tx);
     if (!ax->following) {
+        if (followed)
+            sj_ahead_stop(kernel, UINT64_C(1) << i);
         if (followed && axis_moving(ax))
             sj_cycle_tell(kernel, SJ_EVENT_ANCHOR, i, tx->statusword, 0.0);
         anchor(ax);
@@ -150,7 +163,7 @@ static void observe(sj_kernel *kernel, int32_t i)
         sj_cycle_tell(kernel, SJ_EVENT_FAULT, i, tx->error_code, 0.0);
         sj_cycle_trigger(kernel, i, SJ_TRIGGER_FAULT);
         ax->homing = 0;
-        react(kernel, SJ_CAUSE_DRIVE_FAULT, all_axes(kernel) & ~(UINT64_C(1) << i));
+        sj_cycle_react(kernel, SJ_CAUSE_DRIVE_FAULT, sj_cycle_all(kernel) & ~(UINT64_C(1) << i));
     }
     if (!fault && !ax->error && ax->state == SJ_AXIS_ERROR_STOP)
         sj_cycle_trigger(kernel, i, SJ_TRIGGER_RESET);
@@ -195,12 +208,13 @@ static void stop_homing(sj_kernel *kernel, uint64_t axes, int32_t trigger)
 /* Levels and counters of all axes. Returns whether it brought a stop. */
 static int32_t take_axes(sj_kernel *kernel)
 {
-    uint64_t halts = 0, quick_stops = 0;
+    uint64_t halts = 0, quick_stops = 0, disabled = 0;
     for (int32_t i = 0; i < kernel->axes; i++) {
         const sj_axis_command *in = &kernel->command.axis[i];
         sj_axis *ax = &kernel->axis[i];
         halts |= (uint64_t)(in->halts != ax->halts) << i;
         quick_stops |= (uint64_t)(in->quick_stops != ax->quick_stops) << i;
+        disabled |= (uint64_t)(ax->enable && !in->enable) << i;
         if (in->resets != ax->resets) {
             ax->reset = 2; /* one cycle low, then the edge */
             ax->error = 0;
@@ -213,6 +227,8 @@ static int32_t take_axes(sj_kernel *kernel)
         ax->resets = in->resets;
         ax->limit_sets = in->limit_sets;
     }
+    kernel->ahead.stop = kernel->command.stop_records;
+    sj_ahead_stop(kernel, halts | quick_stops | disabled);
     stop_homing(kernel, halts | quick_stops, SJ_TRIGGER_HALT);
     sj_goal_halt(kernel, halts & ~quick_stops);
     sj_goal_quick_stop(kernel, quick_stops);
@@ -237,15 +253,19 @@ static void collect(sj_kernel *kernel)
 {
     sj_command *command = &kernel->command;
     int32_t stopped = kernel->ending;
-    int32_t fresh = sj_command_collect(kernel->segment, &kernel->incoming);
+    int32_t fresh = sj_trace_collect(kernel);
 
     if (fresh < 0) {
         kernel->feedback.corrupt++;
         sj_cycle_tell(kernel, SJ_EVENT_SPOILT, -1, fresh, 0.0);
-        react(kernel, SJ_CAUSE_SPOILT, all_axes(kernel));
+        sj_cycle_react(kernel, SJ_CAUSE_SPOILT, sj_cycle_all(kernel));
     } else if (fresh == 1) {
         memcpy(command, &kernel->incoming, sj_command_bytes(kernel->axes));
         stopped |= take_axes(kernel);
+        if (command->cancels != kernel->cancels)
+            sj_ahead_drop(kernel, command->cancel_axes, command->cancel_from, command->cancel_to,
+                          SJ_RESULT_SUPERSEDED);
+        kernel->cancels = command->cancels;
         take_override(kernel);
         if (command->goal_id != kernel->goal_id)
             sj_goal_take(kernel, stopped);
@@ -262,7 +282,7 @@ static void watch_following(sj_kernel *kernel, int32_t i)
     if (!ax->following || ax->error || fabs(error) <= ax->config.following_limit)
         return;
     sj_cycle_tell(kernel, SJ_EVENT_FOLLOWING, i, 0, error);
-    react(kernel, SJ_CAUSE_FOLLOWING_ERROR, all_axes(kernel));
+    sj_cycle_react(kernel, SJ_CAUSE_FOLLOWING_ERROR, sj_cycle_all(kernel));
     if (kernel->reaction[SJ_CAUSE_FOLLOWING_ERROR] != SJ_REACT_NONE) {
         ax->error = 1;
         sj_cycle_trigger(kernel, i, SJ_TRIGGER_FAULT);
@@ -271,24 +291,24 @@ static void watch_following(sj_kernel *kernel, int32_t i)
 
 static void watch(sj_kernel *kernel, uint64_t now_ns)
 {
-    int32_t host = sj_shm_host_state(kernel->segment, now_ns);
+    int32_t host = sj_trace_host(kernel, now_ns);
     if (host != kernel->host_state) { /* once; the next host may move on */
         sj_cycle_tell(kernel, SJ_EVENT_HOST, -1, host, kernel->host_state);
         if (host == SJ_HOST_DEAD)
-            react(kernel, SJ_CAUSE_HOST_DEATH, all_axes(kernel));
+            sj_cycle_react(kernel, SJ_CAUSE_HOST_DEATH, sj_cycle_all(kernel));
         else if (host == SJ_HOST_SILENT)
-            react(kernel, SJ_CAUSE_HOST_SILENCE, all_axes(kernel));
+            sj_cycle_react(kernel, SJ_CAUSE_HOST_SILENCE, sj_cycle_all(kernel));
         kernel->host_state = host;
     }
     if (kernel->feedback.late != kernel->late) {
         sj_cycle_tell(kernel, SJ_EVENT_LATE, -1, 0, (double)(kernel->feedback.late - kernel->late));
         kernel->late = kernel->feedback.late;
-        react(kernel, SJ_CAUSE_OVERRUN, all_axes(kernel));
+        sj_cycle_react(kernel, SJ_CAUSE_OVERRUN, sj_cycle_all(kernel));
     }
     if (kernel->ending && !kernel->ended) {
         kernel->ended = 1;
-        stop_homing(kernel, all_axes(kernel), SJ_TRIGGER_HALT);
-        sj_goal_halt(kernel, all_axes(kernel));
+        stop_homing(kernel, sj_cycle_all(kernel), SJ_TRIGGER_HALT);
+        sj_goal_halt(kernel, sj_cycle_all(kernel));
     }
     kernel->feedback.ending = kernel->ending;
 }
@@ -319,10 +339,20 @@ static void drive(sj_kernel *kernel, int32_t i)
     if (ax->drive_stop)
         rx->controlword = (uint16_t)(rx->controlword & ~SJ_CW_QUICK_STOP);
     rx->target_position = (int32_t)(uint32_t)(uint64_t)ax->target_counts; /* the counter wraps */
-    if (!ax->config.external)
+    if (ax->config.ideal)
+        sj_ideal_cycle(&ax->drive, rx, &kernel->tx[i]);
+    else if (!ax->config.external)
         sj_drive_cycle(&ax->drive, rx, &kernel->tx[i]);
     if (ax->reset > 0)
         ax->reset--;
+}
+
+/* The largest magnitudes need every cycle, whoever reads. */
+static void peaks(const sj_interpolator *ip, sj_axis_feedback *out)
+{
+    out->peak_velocity = fmax(out->peak_velocity, fabs(ip->v.hi));
+    out->peak_acceleration = fmax(out->peak_acceleration, fabs(ip->a.hi));
+    out->peak_jerk = fmax(out->peak_jerk, fabs(ip->j.hi));
 }
 
 static void report(const sj_kernel *kernel, int32_t i, sj_axis_feedback *out)
@@ -334,13 +364,9 @@ static void report(const sj_kernel *kernel, int32_t i, sj_axis_feedback *out)
     out->velocity = ip->v.hi;
     out->acceleration = ip->a.hi;
     out->jerk = ip->j.hi;
-    out->peak_velocity = fmax(out->peak_velocity, fabs(ip->v.hi));
-    out->peak_acceleration = fmax(out->peak_acceleration, fabs(ip->a.hi));
-    out->peak_jerk = fmax(out->peak_jerk, fabs(ip->j.hi));
     out->actual_position = (double)ax->actual_counts / ax->config.counts_per_unit;
     out->actual_velocity =
         tx->velocity_actual * kernel->feedback.cycle_time_s / ax->config.counts_per_unit;
-    out->goal = ax->goal.kind == SJ_GOAL_ABSOLUTE ? ax->goal.goal : out->goal;
     out->goal_id = ax->goal_id;
     out->target_counts = ax->target_counts;
     out->actual_counts = ax->actual_counts;
@@ -365,14 +391,17 @@ static void report(const sj_kernel *kernel, int32_t i, sj_axis_feedback *out)
 void sj_kernel_cycle(sj_kernel *kernel, uint64_t now_ns)
 {
     kernel->feedback.time_ns = now_ns;
+    sj_ahead_see(kernel);
     for (int32_t i = 0; i < kernel->axes; i++)
         observe(kernel, i);
     for (int32_t i = 0; i < kernel->axes; i++)
         watch_following(kernel, i);
     watch(kernel, now_ns);
     collect(kernel);
+    sj_ahead_take(kernel);
     for (int32_t i = 0; i < kernel->axes; i++) {
         sj_axis *ax = &kernel->axis[i];
+        sj_axis_feedback *out = &kernel->feedback.axis[i];
         if (ax->following) {
             int32_t ahead = ax->interpolator.ahead > 0;
             sj_interpolator_step(&ax->interpolator);
@@ -380,9 +409,16 @@ void sj_kernel_cycle(sj_kernel *kernel, uint64_t now_ns)
                 sj_goal_reached(kernel, i);
         }
         drive(kernel, i);
-        report(kernel, i, &kernel->feedback.axis[i]);
+        peaks(&ax->interpolator, out);
+        if (ax->goal.kind == SJ_GOAL_ABSOLUTE)
+            out->goal = ax->goal.goal;
+        if (!kernel->quiet)
+            report(kernel, i, out);
     }
     kernel->feedback.cycle++;
+    sj_trace_close(kernel);
+    if (kernel->quiet)
+        return;
     kernel->feedback.override = kernel->override;
     kernel->feedback.hold = kernel->hold;
     kernel->feedback.kernel_epoch = sj_shm_kernel_epoch(kernel->segment);

@@ -1,4 +1,5 @@
-/* What the two files of the cycle share: _cycle.c (top to bottom) and _goals.c (goals and stops). */
+/* What the files of the cycle share: _cycle.c (top to bottom), _goals.c (goals and stops) and _ahead.c
+ * (what waits for its turn). */
 #ifndef SJ_CYCLE_H
 #define SJ_CYCLE_H
 
@@ -10,6 +11,11 @@ static inline int32_t axis_moving(const sj_axis *ax)
 /* 0, or -1: refused in this state. Every change is told as an event. */
 int32_t sj_cycle_trigger(sj_kernel *kernel, int32_t axis, int32_t trigger);
 void sj_cycle_tell(sj_kernel *kernel, int32_t kind, int32_t axis, int32_t code, double value);
+/* The one answer to a goal; axis: the one that refused, or -1. */
+void sj_cycle_answer(sj_kernel *kernel, uint64_t goal_id, int32_t axis, int32_t result);
+/* The reaction that is set for a cause, on a set of axes (bit n = axis n). */
+void sj_cycle_react(sj_kernel *kernel, int32_t cause, uint64_t axes);
+uint64_t sj_cycle_all(const sj_kernel *kernel);
 
 /* A goal for all its axes or for none; stopped: it came with a stop. */
 void sj_goal_take(sj_kernel *kernel, int32_t stopped);
@@ -17,8 +23,21 @@ void sj_goal_take(sj_kernel *kernel, int32_t stopped);
 void sj_goal_again(sj_kernel *kernel);
 /* An axis that has reached its goal with a velocity goes on, and to rest at a position limit. */
 void sj_goal_reached(sj_kernel *kernel, int32_t axis);
-/* Stops of the axes of a set (bit n = axis n), from the commanded state. */
+/* Stops of the axes of a set, from the commanded state. */
 void sj_goal_halt(sj_kernel *kernel, uint64_t axes);
 void sj_goal_quick_stop(sj_kernel *kernel, uint64_t axes);
+
+/* Records that have come: taken in order, a few per cycle, each offered to its room when its turn has
+ * come, that is when no earlier record of its axes waits. */
+void sj_ahead_start(sj_ahead *ahead);
+void sj_ahead_see(sj_kernel *kernel);   /* before all else in a cycle */
+void sj_ahead_take(sj_kernel *kernel);  /* after the command */
+/* Records first .. last of these axes are not begun, be they taken or still in the ring; each is
+ * answered with `result`. */
+void sj_ahead_drop(sj_kernel *kernel, uint64_t axes, uint64_t first, uint64_t last, int32_t result);
+void sj_ahead_stop(sj_kernel *kernel, uint64_t axes);   /* all that were given before this stop */
+
+/* What a room says to a record: wait, consumed, or refused with -(enum sj_result). */
+enum { OFFER_WAIT = 0, OFFER_TAKEN = 1 };
 
 #endif

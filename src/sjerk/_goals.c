@@ -204,8 +204,10 @@ void sj_goal_halt(sj_kernel *kernel, uint64_t set)
         if ((set >> i & 1) == 0 || !kernel->axis[i].following)
             continue;
         n = group_of(kernel, i, &set, axes);
-        for (int32_t k = 0; k < n; k++)
+        for (int32_t k = 0; k < n; k++) {
+            sj_ahead_stop(kernel, UINT64_C(1) << axes[k]);
             sj_cycle_trigger(kernel, axes[k], SJ_TRIGGER_HALT);
+        }
         halt_together(kernel, axes, n);
         for (int32_t k = 0; k < n; k++) {
             sj_axis *ax = &kernel->axis[axes[k]];
@@ -223,6 +225,7 @@ void sj_goal_quick_stop(sj_kernel *kernel, uint64_t set)
         sj_plan plan;
         if ((set >> i & 1) == 0 || !ax->following)
             continue;
+        sj_ahead_stop(kernel, UINT64_C(1) << i);
         sj_cycle_trigger(kernel, i, SJ_TRIGGER_QUICK_STOP);
         if (!axis_moving(ax)) {
             ax->parked = 0;
@@ -432,6 +435,7 @@ void sj_goal_take(sj_kernel *kernel, int32_t stopped)
     sj_feedback *feedback = &kernel->feedback;
     int32_t result = stopped ? SJ_RESULT_STOPPED : SJ_RESULT_ACCEPTED, refused = -1;
     int32_t axes[SJ_AXES], n = 0, changed = 0, synchronization = command->synchronization;
+    uint64_t set = 0;
     sj_axis_goal goals[SJ_AXES];
     double ways[SJ_AXES];
 
@@ -451,6 +455,7 @@ void sj_goal_take(sj_kernel *kernel, int32_t stopped)
             refused = i;
         changed |= !same_goal(&ax->goal, &goals[n]) || goals[n].kind == SJ_GOAL_HOME;
         axes[n++] = i;
+        set |= UINT64_C(1) << i;
     }
     if (result == SJ_RESULT_ACCEPTED && changed && n > 0 && !held(kernel)) {
         result = plan_goals(kernel, axes, goals, n, &synchronization, command->least_cycles, 0,
@@ -458,6 +463,8 @@ void sj_goal_take(sj_kernel *kernel, int32_t stopped)
         if (result == SJ_RESULT_ACCEPTED)
             take_over(kernel, axes, goals, n, synchronization, ways);
     }
+    if (result == SJ_RESULT_ACCEPTED)
+        sj_ahead_drop(kernel, set, 0, command->goal_records, SJ_RESULT_SUPERSEDED);
     for (int32_t i = 0; i < n && result == SJ_RESULT_ACCEPTED; i++) {
         sj_axis *ax = &kernel->axis[axes[i]];
         sj_axis_feedback *out = &feedback->axis[axes[i]];
@@ -481,7 +488,7 @@ void sj_goal_take(sj_kernel *kernel, int32_t stopped)
     feedback->result_goal_id = command->goal_id;
     feedback->result = result;
     feedback->result_axis = refused;
-    sj_cycle_tell(kernel, SJ_EVENT_GOAL, refused, result, 0.0);
+    sj_cycle_answer(kernel, command->goal_id, refused, result);
 }
 
 void sj_goal_again(sj_kernel *kernel)

@@ -742,7 +742,9 @@ enum sj_result {                        /* what became of a goal */
     SJ_RESULT_STATE = 7,                /* refused: the axis stops, homes, or has an error */
     SJ_RESULT_LIMIT = 8,                /* refused: it would leave the axis' position limits */
     SJ_RESULT_SPEED = 9,                /* refused: faster than the drive follows */
-    SJ_RESULTS = 10
+    SJ_RESULT_SUPERSEDED = 10,          /* never begun: cancelled, or a newer goal came */
+    SJ_RESULT_KIND = 11,                /* refused: a record of no known kind, or out of place */
+    SJ_RESULTS = 12
 };
 
 enum sj_goal_kind {
@@ -757,7 +759,7 @@ enum sj_event_kind {
     SJ_EVENT_GOAL = 0,                  /* code: enum sj_result of goal_id */
     SJ_EVENT_STATE = 1,                 /* code: new state of the axis, value: the one before */
     SJ_EVENT_HOST = 2,                  /* code: enum sj_shm_host_state */
-    SJ_EVENT_SPOILT = 3,                /* a command that a wild writer had spoilt */
+    SJ_EVENT_SPOILT = 3,                /* a command or record that a wild writer had spoilt */
     SJ_EVENT_FAULT = 4,                 /* code: 603Fh of the axis' drive */
     SJ_EVENT_FOLLOWING = 5,             /* value: the following error, axis unit */
     SJ_EVENT_LATE = 6,                  /* value: cycles of the clock that were skipped */
@@ -808,8 +810,50 @@ typedef struct {
     int32_t synchronization;            /* of this goal: enum sj_synchronization */
     int32_t hold;                       /* 1: wait on the path */
     double override;                    /* of velocities, 0 .. 2 */
+    uint64_t goal_records;              /* records published before this goal: it replaces them */
+    uint64_t stop_records;              /* before the newest halt, quick stop or disable */
+    uint64_t cancel_from, cancel_to;    /* records that are not to be begun, by number */
+    uint64_t cancel_axes;               /* bit n: on axis n; taken when cancels is new */
+    uint32_t cancels;
+    int32_t reserved;
     sj_axis_command axis[64];
 } sj_command;
+
+/* A record of the look-ahead ring; one ring for queued moves and paths, in one order. Its number is
+ * that of the ring, from 1. Goal ids of direct goals, moves and paths are one rising sequence. */
+enum sj_record_kind {
+    SJ_RECORD_MOVE = 1,                 /* a goal that waits for the one before */
+    SJ_RECORD_PATH = 2,                 /* opens a path: its axes, its goal id */
+    SJ_RECORD_SEGMENT = 3               /* a piece of it */
+};
+
+enum sj_buffer_mode {                   /* PLCopen: how a move follows the one before */
+    SJ_BUFFER_ABORTING = 0,             /* at once; no record, a direct goal */
+    SJ_BUFFER_BUFFERED = 1,             /* when it is done */
+    SJ_BUFFER_LOW = 2,                  /* passes its goal at the lower of both velocities, */
+    SJ_BUFFER_PREVIOUS = 3,             /* at the velocity of the one before, */
+    SJ_BUFFER_NEXT = 4,                 /* of the next, */
+    SJ_BUFFER_HIGH = 5                  /* at the higher */
+};
+
+typedef struct {
+    sj_axis_goal goal;                  /* MOVE; of every kind: NONE = not for this axis */
+    double position;                    /* SEGMENT: way-point at its end */
+    double velocity, acceleration, last_jerk;   /* continuous state at its first knot, per cycle */
+    double jerk[4];                     /* of its phases */
+} sj_axis_record;
+
+typedef struct {
+    uint64_t goal_id;
+    uint64_t number;                    /* SEGMENT: in its path */
+    int64_t cycles[4];                  /* SEGMENT: its phases */
+    int64_t least_cycles;               /* MOVE */
+    int32_t kind;                       /* enum sj_record_kind */
+    int32_t mode;                       /* MOVE: enum sj_buffer_mode */
+    int32_t synchronization;            /* MOVE: enum sj_synchronization */
+    int32_t last;                       /* SEGMENT: 1 = the path ends with it */
+    sj_axis_record axis[64];            /* as many as the kernel has */
+} sj_record;
 
 typedef struct {
     double position, velocity, acceleration, jerk;      /* commanded sample */
@@ -873,7 +917,8 @@ typedef struct {
     uint64_t kernel_epoch;              /* which kernel this frame is of */
     double cycle_time_s, override;
     int32_t result, result_axis;        /* enum sj_result; axis that refused, or -1 */
-    int32_t axes, ending, hold, reserved;
+    int32_t axes, ending, hold;
+    int32_t ring_spoilt;                /* 1: no record is taken until the host flushes the ring */
     sj_clock_report clock;
     sj_histogram latency, period, computing;
     sj_axis_feedback axis[64];
@@ -887,9 +932,87 @@ typedef struct {
     double velocity_max;                /* per cycle: what the drive follows; inf: unknown */
     double wrap;
     int32_t external;                   /* 1: rx and tx are exchanged by the caller */
-    int32_t reserved;
+    int32_t ideal;                      /* 1: a drive without mechanics, always on its target */
     char unit[16];
 } sj_axis_config;
+
+/* The trace: what each cycle took from outside and what it gave, in the order of the cycle. An item
+ * is one event of a segment of its own (sj_event_publish); a cycle's items end with its frame. With
+ * the inputs alone the same cycle gives the same frames, bit for bit. */
+enum sj_trace_kind {
+    SJ_TRACE_FRAME = 0,                 /* sj_trace_frame */
+    SJ_TRACE_COMMAND = 1,               /* a command as it was taken */
+    SJ_TRACE_EVENT = 2,                 /* sj_kernel_event */
+    SJ_TRACE_RECORD = 3                 /* a record of the ring as it was taken */
+};
+
+enum sj_trace_flag {
+    SJ_TRACE_MOVING = 1,
+    SJ_TRACE_SETTLED = 2,
+    SJ_TRACE_FOLLOWS = 4,
+    SJ_TRACE_PARKED = 8,
+    SJ_TRACE_DRIVE_STOP = 16
+};
+
+typedef struct {
+    uint64_t cycle;
+    uint64_t number;                    /* of a record in its ring */
+    int32_t kind;                       /* enum sj_trace_kind */
+    int32_t reserved;
+} sj_trace_head;
+
+typedef struct {
+    double position, velocity, acceleration, jerk;      /* commanded sample, per cycle */
+    double goal;
+    sj_limits limits;                   /* of the axis, in force */
+    uint64_t goal_id;
+    int64_t target_counts, actual_counts;               /* unwrapped, encoder increments */
+    int32_t velocity_actual, following_error;           /* 606Ch, 60F4h */
+    uint16_t statusword, error_code;                    /* 6041h, 603Fh */
+    int16_t torque_actual;                              /* 6077h */
+    int8_t mode_display;                                /* 6061h */
+    uint8_t state;                                      /* SJ_AXIS_... */
+    uint32_t flags;                                     /* enum sj_trace_flag */
+    uint32_t reserved;
+} sj_axis_trace;
+
+typedef struct {
+    sj_trace_head head;
+    uint64_t time_ns;                   /* of the cycle's begin, as it was given */
+    uint64_t late;                      /* inputs: cycles skipped so far, */
+    uint64_t ring_seen;                 /* records published at the begin, */
+    uint64_t ring_published;            /* and once the command was collected, */
+    uint64_t ring_taken;                /* taken or discarded at the end, */
+    int32_t host_state, ending;         /* the host as seen, the order to end, */
+    int32_t collected;                  /* what the collection of the command said, */
+    int32_t ring_status;                /* and the last taking of a record where it was none */
+    uint64_t sequence;                  /* newest command taken */
+    double override;
+    int32_t hold, reserved;
+    sj_axis_trace axis[64];
+} sj_trace_frame;
+
+typedef struct {
+    sj_trace_head head;
+    uint64_t payload[1100];             /* command, record or event, as its bytes */
+} sj_trace_message;
+
+typedef union {
+    sj_trace_frame frame;
+    sj_trace_message message;
+} sj_trace_item;
+
+/* Rows of cycle, number (both 64 bits) and payload. */
+typedef struct {
+    const uint8_t *at;
+    int64_t count;
+} sj_trace_rows;
+
+/* What a cycle of a replay is given instead of the segment; then its frame must come out. */
+typedef struct {
+    const sj_trace_frame *frame;        /* as recorded, or NULL: no replay */
+    sj_trace_rows commands, records;    /* to come */
+} sj_trace_given;
 
 typedef struct {
     sj_interpolator interpolator;
@@ -914,6 +1037,39 @@ typedef struct {
     uint32_t halts, quick_stops, resets, limit_sets;
 } sj_axis;
 
+/* ---- wiring: look-ahead (_ahead.c) ----------------------------------------------------------- */
+
+enum {
+    SJ_AHEAD = 32,                      /* most records that are taken and wait for their turn */
+    SJ_AHEAD_TAKES = 4,                 /* most that one cycle takes */
+    SJ_AHEAD_DROPS = 4                  /* most orders to drop that are remembered */
+};
+
+typedef struct {
+    sj_record record;
+    uint64_t number;                    /* of the ring */
+    uint64_t axes;                      /* bit n: axis n */
+} sj_held;
+
+/* Records first .. last of these axes are not begun. */
+typedef struct {
+    uint64_t first, last, axes;
+    int32_t result;                     /* their answer */
+    int32_t reserved;
+} sj_drop;
+
+typedef struct {
+    uint64_t seen;                      /* records published before this cycle's command was taken */
+    uint64_t stop;                      /* of these a stop in this cycle means the ones up to here */
+    int32_t count;                      /* records that wait: held[order[0 .. count - 1]] */
+    int32_t drops;
+    int32_t order[32];                  /* a permutation; the rest are free */
+    sj_drop drop[4];
+    sj_held held[32];
+} sj_ahead;
+
+uint64_t sj_record_bytes(int32_t axes);
+
 typedef struct {
     void *segment;
     int32_t axes;
@@ -921,15 +1077,25 @@ typedef struct {
     int32_t ended;                      /* the end has been seen */
     int32_t host_state;
     int32_t hold;
-    int32_t reserved;
+    uint32_t cancels;
+    int32_t collected;                  /* status of this cycle's collection of the command */
+    int32_t quiet;                      /* 1: nobody reads the feedback of this cycle (_virtual.c) */
     double override;
     uint64_t goal_id, late;
+    uint64_t ring_seen, ring_published, ring_taken;     /* of this cycle */
+    int32_t ring_status;
+    int32_t reserved;
+    void *trace;                        /* segment of the trace, or NULL */
+    sj_trace_frame *frame_out;          /* where this cycle's frame goes too, or NULL */
+    sj_trace_given given;
+    sj_trace_item item;                 /* of the trace, under the pen */
     int32_t reaction[8];                /* enum sj_reaction by enum sj_cause */
     sj_command incoming;                /* what collect fills; spoilt where it fails */
     sj_command command;
     sj_feedback feedback;
     sj_plan plan[64];                   /* room for planning a goal */
     sj_interpolator trial[64];
+    sj_ahead ahead;
     sj_drive_rx rx[64];                 /* process image: to the drives, from the drives */
     sj_drive_tx tx[64];
     sj_axis axis[64];
@@ -943,6 +1109,31 @@ int32_t  sj_kernel_axis(sj_kernel *kernel, int32_t axis, const sj_drive_config *
 void     sj_kernel_cycle(sj_kernel *kernel, uint64_t now_ns);
 void     sj_kernel_cycles(sj_kernel *kernel, int64_t cycles); /* in a caller's own loop */
 int32_t  sj_kernel_at_rest(const sj_kernel *kernel);    /* nothing moves, no drive is enabled */
+
+/* ---- wiring: trace (_trace.c) and virtual time (_virtual.c) ---------------------------------- */
+
+uint64_t sj_trace_frame_bytes(int32_t axes);
+uint64_t sj_trace_item_bytes(int32_t axes);             /* of one event of the trace's segment */
+int32_t  sj_trace_host(sj_kernel *kernel, uint64_t now_ns);     /* as sj_shm_host_state */
+void     sj_trace_see(sj_kernel *kernel);               /* the ring's counters, at the begin */
+int32_t  sj_trace_collect(sj_kernel *kernel);           /* as sj_command_collect, into incoming */
+int32_t  sj_trace_take(sj_kernel *kernel, sj_record *record);   /* as sj_ring_take */
+void     sj_trace_event(sj_kernel *kernel, const sj_kernel_event *event);
+void     sj_trace_close(sj_kernel *kernel);             /* the frame of this cycle */
+/* Items after *cursor, at most `room`, back to back; how many. Any process, at any time. */
+int64_t  sj_trace_drain(const void *segment, uint64_t *cursor, uint64_t *missed, int64_t room,
+                        void *items);
+
+/* Cycles in virtual time from now_ns on; `frames` (one each, back to back) may be NULL. */
+void     sj_virtual_run(sj_kernel *kernel, int64_t cycles, uint64_t now_ns, uint64_t period_ns,
+                        void *frames);
+/* Recorded cycles again. Returns how many came out the same, bit for bit; where one did not, its
+ * frame is in kernel->item. */
+int64_t  sj_virtual_replay(sj_kernel *kernel, int64_t cycles, const void *frames,
+                           int64_t command_count, const void *commands, int64_t record_count,
+                           const void *records);
+/* A drive without mechanics: its state machine by the words, its position the target's. */
+void     sj_ideal_cycle(sj_drive *drive, const sj_drive_rx *rx, sj_drive_tx *tx);
 
 /* ---- wiring: the clock (_clock.c) ------------------------------------------------------------ */
 

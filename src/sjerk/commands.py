@@ -12,16 +12,18 @@ import signal
 import subprocess
 import time
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
+from sjerk import storage
 from sjerk.config import load
 from sjerk.errors import InputError
 from sjerk.feedback import Feedback, Timing
 from sjerk.handshake import clean
 from sjerk.host import Host, Monitor
+from sjerk.recording import Recorder
 
 #: Largest wait for a host that is about to leave, seconds.
 _PATIENCE = 2.0
@@ -34,6 +36,9 @@ def add_arguments(jobs: Any) -> None:
     job.add_argument("--name", help="of the kernel; default: the file's")
     job.add_argument("--spin-us", type=float, help="busy wait before each deadline")
     job.add_argument("--seconds", type=float, help="end by itself")
+    job.add_argument(
+        "--record", type=Path, help="every cycle, to .parquet or .mcap (extra: record)"
+    )
     job.add_argument("--json", action="store_true")
     job.set_defaults(run=_kernel)
 
@@ -79,12 +84,17 @@ def _kernel(options: argparse.Namespace) -> int:
     def end(*_: object) -> None:
         raise KeyboardInterrupt
 
+    if options.record is not None:
+        storage.ready(options.record)  # before anything runs
     before = signal.signal(signal.SIGTERM, end)
     try:
-        with suppress(KeyboardInterrupt), kernel:
+        # the recorder outlives the kernel: the halt at its end is recorded as well
+        with ExitStack() as recorded, suppress(KeyboardInterrupt), kernel:
+            if options.record is not None:
+                recorded.enter_context(Recorder(kernel.name, options.record))
             monitor = Monitor.attach(kernel.name)
             clock = asdict(monitor.feedback().timing.clock)
-            _show(options, {"kernel": kernel.name, "axes": len(kernel.axes), "clock": clock})
+            show(options, {"kernel": kernel.name, "axes": len(kernel.axes), "clock": clock})
             monitor.close()
             until = time.monotonic() + (options.seconds or float("inf"))
             while kernel.alive and time.monotonic() < until:
@@ -96,10 +106,11 @@ def _kernel(options: argparse.Namespace) -> int:
     return 0
 
 
-def _name(options: argparse.Namespace) -> str:
+def name_of(options: argparse.Namespace) -> str:
+    """The kernel that is meant: named, or the only one that runs. Raises InputError."""
     if options.name:
         return str(options.name)
-    found = [info.name for info in clean(dry_run=True) if info.in_use]
+    found = [info.name for info in clean(dry_run=True) if info.in_use and not info.companion]
     if len(found) != 1:
         raise InputError("--name", None, f"{len(found)} kernels run: {', '.join(found) or 'none'}")
     return found[0]
@@ -109,7 +120,7 @@ def _name(options: argparse.Namespace) -> str:
 
 
 def _host(options: argparse.Namespace) -> Host:
-    return Host.attach(_name(options), wait=_PATIENCE)
+    return Host.attach(name_of(options), wait=_PATIENCE)
 
 
 def _power(options: argparse.Namespace) -> int:
@@ -166,7 +177,8 @@ def _stop(options: argparse.Namespace) -> int:
 # ---- what is seen --------------------------------------------------------------------------------
 
 
-def _show(options: argparse.Namespace, data: dict[str, Any]) -> None:
+def show(options: argparse.Namespace, data: dict[str, Any]) -> None:
+    """Print as lines, or as one JSON object where asked."""
     if options.json:
         print(json.dumps(data), flush=True)
         return
@@ -198,12 +210,12 @@ def _axes(feedback: Feedback) -> list[dict[str, Any]]:
 
 
 def _positions(options: argparse.Namespace, host: Host) -> int:
-    _show(options, {"axes": _axes(host.feedback())})
+    show(options, {"axes": _axes(host.feedback())})
     return 0
 
 
 def _status(options: argparse.Namespace) -> int:
-    with Monitor.attach(_name(options)) as monitor:
+    with Monitor.attach(name_of(options)) as monitor:
         feedback = monitor.feedback()
         timing = {
             "cycle": feedback.cycle,
@@ -211,17 +223,17 @@ def _status(options: argparse.Namespace) -> int:
             "override": feedback.override,
             "hold": feedback.hold,
         }
-        _show(options, timing | {"axes": _axes(feedback)})
+        show(options, timing | {"axes": _axes(feedback)})
     return 0
 
 
 def _monitor(options: argparse.Namespace) -> int:
     until = time.monotonic() + options.seconds
-    with Monitor.attach(_name(options)) as monitor:
+    with Monitor.attach(name_of(options)) as monitor:
         if options.json:
             while time.monotonic() < until and monitor.kernel_lives:
                 feedback = monitor.feedback()
-                _show(options, {"cycle": feedback.cycle, "axes": _axes(feedback)})
+                show(options, {"cycle": feedback.cycle, "axes": _axes(feedback)})
                 time.sleep(0.1)
             return 0
         try:
@@ -245,7 +257,7 @@ def _monitor(options: argparse.Namespace) -> int:
 
 
 def _report(options: argparse.Namespace) -> int:
-    with Monitor.attach(_name(options)) as monitor:
+    with Monitor.attach(name_of(options)) as monitor:
         judge = None
         tool = shutil.which("cyclictest")
         period = monitor.feedback().cycle_time
@@ -268,7 +280,7 @@ def _report(options: argparse.Namespace) -> int:
         "times_us": _times(after.timing),
         "cyclictest": beside[0] if beside else "not installed",
     }
-    _show(options, head)
+    show(options, head)
     return 0
 
 

@@ -35,6 +35,7 @@ from sjerk import errors
 from sjerk._binding import ffi, lib
 
 __all__ = [
+    "TRACE",
     "HostWatch",
     "Layout",
     "Role",
@@ -50,7 +51,9 @@ _FOLDER = "/dev/shm"
 _PREFIX = "sjerk-"
 _MAGIC = b"sjerk-m\n"  # the first bytes of every segment, of whatever version
 _UNBORN = ".unborn"  # suffix of a segment that is not yet whole
-_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")
+#: Ends the name of a segment that goes with the kernel of the name before it.
+TRACE = ".trace"
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*(\.trace)?")
 _LONGEST_NAME = 200  # file names end at 255 bytes
 
 # Bytes that are locked, never read or written: beyond any content.
@@ -750,6 +753,11 @@ class SegmentInfo:
     in_use: bool
     removed: bool
     problem: str | None = None
+
+    @property
+    def companion(self) -> bool:
+        """Whether it only goes with a kernel's own segment: a trace."""
+        return self.name.endswith(TRACE)
 
 
 def clean(*, dry_run: bool = False, any_owner: bool = False) -> list[SegmentInfo]:

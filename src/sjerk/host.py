@@ -46,9 +46,12 @@ REASONS = {
     lib.SJ_RESULT_STATE: "the axis is stopping, homing, or has an error",
     lib.SJ_RESULT_LIMIT: "it would leave the position limits of the axis",
     lib.SJ_RESULT_SPEED: "faster than the drive follows",
+    lib.SJ_RESULT_KIND: "a record that is none, or not in its place",
 }
 _EVENTS = 1024
+_RECORDS = 512
 _RESULTS = 4096
+_HOST_SHIFT = 40
 
 
 @cache
@@ -57,6 +60,8 @@ def layout(axes: int) -> Layout:
     return Layout(
         command_bytes=lib.sj_command_bytes(axes),
         feedback_bytes=lib.sj_feedback_bytes(axes),
+        record_bytes=lib.sj_record_bytes(axes),
+        record_capacity=_RECORDS,
         event_bytes=ffi.sizeof("sj_kernel_event"),
         event_capacity=_EVENTS,
         abi=_abi(),
@@ -74,7 +79,7 @@ def _abi() -> int:
             return str(ctype.cname)
         return "".join(f"{n}:{f.offset}:{describe(f.type)};" for n, f in ctype.fields)
 
-    payloads = ("sj_command", "sj_feedback", "sj_kernel_event")
+    payloads = ("sj_command", "sj_feedback", "sj_record", "sj_kernel_event")
     text = "".join(describe(ffi.typeof(name)) for name in payloads)
     return int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "little")
 
@@ -341,6 +346,7 @@ class Host(_Reader):
         self._results: dict[int, tuple[int, int]] = {}
         self._lock = threading.Lock()  # cffi lets other threads run: two would write as one
         self._T = 0.0
+        self._goals = 0  # the newest goal id given
         if cyclic:
             self._wait_until(lambda frame: True, 5.0, "the first cycle")
             self._go_on(self._frame())
@@ -351,6 +357,8 @@ class Host(_Reader):
         self._T = frame.cycle_time_s
         command.sequence, command.goal_id = frame.sequence, frame.result_goal_id
         command.override, command.hold = frame.override, frame.hold
+        epoch = int(lib.sj_shm_host_epoch(self._segment.base))
+        self._goals = (epoch - 1) << _HOST_SHIFT  # above all that hosts before gave
         for i in range(self._axes):
             for name in ("enable", "halts", "quick_stops", "resets", "limit_sets"):
                 setattr(command.axis[i], name, getattr(frame.axis[i], name))
@@ -419,6 +427,24 @@ class Host(_Reader):
         self._command.sequence += 1
         self._segment.check(lib.sj_command_publish(self._segment.base, self._command))
 
+    def _next_goal(self) -> int:
+        """The id of a new goal, direct or in a record; under the lock."""
+        self._goals = max(self._goals, int(self._command.goal_id)) + 1
+        return self._goals
+
+    def _publish_records(self, records: Any, count: int) -> int:
+        """Publish ``sj_record``s that lie ``record_bytes`` apart, all or none; under the lock.
+
+        Returns the ring number of the last one, or 0: no room for all of them now.
+        """
+        if self._closed:
+            raise SjerkError("this host has left its kernel")
+        self._check_kernel("commanding")
+        base = self._segment.base
+        if not self._segment.check(lib.sj_ring_publish(base, records, count)):
+            return 0
+        return int(lib.sj_ring_published(base))
+
     def _chosen(self, axes: Axes) -> list[int]:
         if axes is None:
             return list(range(self._axes))
@@ -434,6 +460,8 @@ class Host(_Reader):
             for i in axes:
                 entry = self._command.axis[i]
                 setattr(entry, edge, (getattr(entry, edge) + 1) % 2**32)
+            if edge != "resets":
+                self._command.stop_records = lib.sj_ring_published(self._segment.base)
             self._publish()
             return int(self._command.sequence)
 
@@ -466,11 +494,19 @@ class Host(_Reader):
         with self._lock:
             for i in chosen:
                 self._command.axis[i].enable = level
+            if not level:
+                self._command.stop_records = lib.sj_ring_published(self._segment.base)
             self._publish()
         return chosen
 
     def reset(self, *, axes: Axes = None, timeout: float | None = 5.0) -> None:
-        """Reset the faults of drives, and the kernel's own errors, once."""
+        """Reset the faults of drives, and the kernel's own errors, once.
+
+        A look-ahead ring that a wild writer has spoilt is emptied.
+        """
+        frame = self._read()
+        if frame is not None and frame.ring_spoilt:
+            lib.sj_ring_flush(self._segment.base)
         self._taken(self._count("resets", self._chosen(axes)), timeout, "the reset")
 
     def halt(self, timeout: float | None = 30.0, *, axes: Axes = None) -> None:
@@ -648,7 +684,8 @@ class Host(_Reader):
                     entry.goal_velocity = targets[i].velocity * self._T
                     rows = own[i]._per_cycle(self._T)
                     ffi.memmove(ffi.addressof(entry, "limits"), rows, len(rows))
-            command.goal_id += 1
+            command.goal_id = self._next_goal()
+            command.goal_records = lib.sj_ring_published(self._segment.base)
             self._publish()
             known = kind == lib.SJ_GOAL_ABSOLUTE
             return Move(self, int(command.goal_id), targets, known=known)

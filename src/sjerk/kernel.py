@@ -14,22 +14,24 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import KW_ONLY, asdict, dataclass, field
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sjerk import trace
 from sjerk._binding import ffi, lib
 from sjerk.cia402 import DriveConfig
 from sjerk.clock import Clock
 from sjerk.errors import InputError, KernelGoneError, SjerkError, positive
-from sjerk.handshake import HostWatch, Segment
+from sjerk.handshake import TRACE, HostWatch, Segment
 from sjerk.host import Host, layout
 from sjerk.profile import Limits
 
 _numbers = itertools.count(1)
+_TAPPED = 64  # cycles between two looks at the trace of an own loop
 
 
 @dataclass(frozen=True)
@@ -40,8 +42,8 @@ class Axis:
     encoder; ``gear``: motor turns per turn of the axis. ``limits.position``: the position
     limits. ``stop_limits``: of the quick stop, else ``limits``. ``wrap``: axis units of one turn of
     an axis that turns for ever. ``following_error`` (axis unit): beyond it the kernel reacts.
-    ``drive``: the simulated one, or ``"external"``: the caller exchanges ``MotionKernel.image``
-    around ``step``.
+    ``drive``: the simulated one; ``"ideal"``: without mechanics, always on its target;
+    ``"external"``: the caller exchanges ``MotionKernel.image`` around ``step``.
 
     >>> Axis(Limits(90.0, 500.0, 5000.0), 2**24 / 360, unit="deg", gear=100.0).unit
     'deg'
@@ -49,7 +51,7 @@ class Axis:
 
     limits: Limits
     counts_per_unit: float
-    drive: DriveConfig | Literal["external"] = field(default_factory=DriveConfig)
+    drive: DriveConfig | Literal["external", "ideal"] = field(default_factory=DriveConfig)
     _: KW_ONLY
     unit: str = ""
     gear: float = 1.0
@@ -62,8 +64,8 @@ class Axis:
             raise InputError("limits", self.limits, "must be a Limits")
         if self.stop_limits is not None and not isinstance(self.stop_limits, Limits):
             raise InputError("stop_limits", self.stop_limits, "must be a Limits")
-        if not isinstance(self.drive, DriveConfig) and self.drive != "external":
-            raise InputError("drive", self.drive, "must be a DriveConfig or 'external'")
+        if not isinstance(self.drive, DriveConfig) and self.drive not in ("external", "ideal"):
+            raise InputError("drive", self.drive, "must be a DriveConfig, 'ideal' or 'external'")
         if not isinstance(self.unit, str) or len(self.unit.encode()) > 15:
             raise InputError("unit", self.unit, "must be a text of at most 15 bytes")
         for name in ("counts_per_unit", "gear"):
@@ -89,6 +91,7 @@ class Axis:
         config.velocity_max = math.inf
         config.wrap = self.wrap or 0.0
         config.external = self.drive == "external"
+        config.ideal = self.drive == "ideal"
         config.unit = self.unit.encode()
         return config
 
@@ -210,6 +213,8 @@ class MotionKernel:
         self._reactions = reactions or Reactions()
         self._process: subprocess.Popen[bytes] | None = None
         self._segment: Segment | None = None
+        self._trace: Segment | None = None
+        self._tap: Callable[[], None] | None = None
         self._kernel: Any = _build(
             self._axes, self._T, self._reactions, ffi.NULL
         )  # checks everything now
@@ -233,6 +238,11 @@ class MotionKernel:
         return self._axes
 
     @property
+    def reactions(self) -> Reactions:
+        """What the kernel does by itself."""
+        return self._reactions
+
+    @property
     def alive(self) -> bool:
         """Whether the kernel's process runs."""
         return self._process is not None and self._process.poll() is None
@@ -245,8 +255,12 @@ class MotionKernel:
             raise SjerkError(f"kernel {self._name!r} is in use or has ended: make a new one")
         if any(axis.drive == "external" for axis in self._axes):
             raise SjerkError("external drives are for step(): nobody would exchange their image")
-        self._segment = Segment.create(self._name, layout(len(self._axes)), replace_stale=True)
+        text = self._description()
+        own, beside = layout(len(self._axes)), trace.layout(len(self._axes), self._T, len(text))
         try:
+            # first the trace: whoever finds the kernel finds it
+            self._trace = Segment.create(self._name + TRACE, beside, replace_stale=True)
+            self._segment = Segment.create(self._name, own, replace_stale=True)
             self._process = subprocess.Popen(
                 [sys.executable, "-c", "from sjerk.kernel import serve; serve()"],
                 stdin=subprocess.PIPE,
@@ -255,7 +269,7 @@ class MotionKernel:
             )
             assert self._process.stdin is not None
             assert self._process.stdout is not None
-            order = (self._name, self._axes, self._T, self.clock, self._reactions)
+            order = (self._name, self._axes, self._T, self.clock, self._reactions, text)
             pickle.dump(order, self._process.stdin)
             self._process.stdin.flush()
             if self._process.stdout.readline() != b"running\n":
@@ -277,10 +291,17 @@ class MotionKernel:
                 pass  # end of its input tells it to stop and end
             self._process.wait()
             self._process = None
-        if self._segment is not None:
-            self._segment.unlink()
-            self._segment.close()
-            self._segment = None
+        for segment in (self._segment, self._trace):
+            if segment is not None:
+                segment.unlink()
+                segment.close()
+        self._segment = self._trace = None
+
+    def _description(self) -> bytes:
+        """What a recording says of the kernel, so that it can be run again from it alone."""
+        return trace.describe(
+            name=self._name, cycle_time=self._T, axes=self._axes, reactions=self._reactions
+        )
 
     def host(self) -> Host:
         """Become the kernel's host; one at a time.
@@ -297,8 +318,10 @@ class MotionKernel:
             raise SjerkError(f"kernel {self._name!r} already has a host: close that one first")
         self._private_segment()
         assert self._segment is not None
+        before = self._host._goals if self._host is not None else 0
         self._host = Host(self._segment, cyclic=False)
         self._host._go_on(self._described())
+        self._host._goals = before
         return self._host
 
     def _described(self) -> Any:
@@ -333,7 +356,25 @@ class MotionKernel:
         if isinstance(cycles, bool) or not isinstance(cycles, int) or not 0 < cycles < 2**62:
             raise InputError("cycles", cycles, "must be an int of at least 1")
         self._private_segment()
-        lib.sj_kernel_cycles(self._kernel, cycles)
+        if self._tap is None:
+            lib.sj_kernel_cycles(self._kernel, cycles)
+            return
+        for begin in range(0, cycles, _TAPPED):
+            lib.sj_kernel_cycles(self._kernel, min(_TAPPED, cycles - begin))
+            self._tap()
+
+    def _tapped(self, tap: Callable[[], None] | None) -> Segment:
+        """The trace of the own loop; ``tap`` is called before it can overflow."""
+        if self._process is not None:
+            raise SjerkError("the kernel runs in its process: its trace is found by its name")
+        self._private_segment()
+        if self._trace is None:
+            text = self._description()
+            self._trace = Segment.private(trace.layout(len(self._axes), self._T, len(text)))
+            lib.sj_feedback_publish(self._trace.base, text)
+            self._kernel.trace = self._trace.base
+        self._tap = tap
+        return self._trace
 
     def _private_segment(self) -> None:
         if self._segment is None:
@@ -381,9 +422,16 @@ def serve() -> None:
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, terminate)
-    name, axes, cycle_time, clock, reactions = pickle.load(sys.stdin.buffer)
-    with Segment.attach(name, layout(len(axes)), role="kernel") as segment:
+    name, axes, cycle_time, clock, reactions, text = pickle.load(sys.stdin.buffer)
+    beside = trace.layout(len(axes), cycle_time, len(text))
+    with (
+        Segment.attach(name + TRACE, beside, role="kernel") as told,
+        Segment.attach(name, layout(len(axes)), role="kernel") as segment,
+    ):
         kernel = _build(axes, cycle_time, reactions, segment.base)
+        lib.sj_feedback_publish(told.base, text)
+        trace.touch(told)
+        kernel.trace = told.base
         end = ffi.new("int32_t *")
         options = clock.to_c(cycle_time)
 
@@ -403,5 +451,6 @@ def serve() -> None:
                 pass
             lib.sj_clock_end(end)
             cycle.join()
-        lib.sj_shm_leave_kernel(segment.base)
-        segment.unlink()  # for a parent that died
+        for mine in (segment, told):
+            lib.sj_shm_leave_kernel(mine.base)
+            mine.unlink()  # for a parent that died

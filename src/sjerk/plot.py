@@ -51,3 +51,32 @@ def panels(
     figure.suptitle(title)
     figure.savefig(out, dpi=110)
     plt.close(figure)
+
+
+def grid(
+    out: Path, title: str, columns: Sequence[tuple[str, Mapping[str, Sequence[Curve]]]]
+) -> None:
+    """Draw columns of panels side by side; a curve without a label is not in the legend."""
+    rows = max(len(content) for _, content in columns)
+    figure, axes = plt.subplots(
+        rows,
+        len(columns),
+        sharex=True,
+        squeeze=False,
+        figsize=(max(9.0, 4.5 * len(columns)), 2.2 * rows),
+        layout="constrained",
+    )
+    for column, (heading, content) in enumerate(columns):
+        axes[0, column].set_title(heading)
+        for row, (name, curves) in enumerate(content.items()):
+            axis = axes[row, column]
+            for curve in curves:
+                label = curve.label or "_"
+                axis.plot(curve.x, curve.y, curve.style, label=label, linewidth=0.9)
+            axis.set_ylabel(name)
+            axis.grid(alpha=0.3)
+            axis.legend(loc="upper right", fontsize="x-small")
+        axes[-1, column].set_xlabel("time / s")
+    figure.suptitle(title)
+    figure.savefig(out, dpi=90)
+    plt.close(figure)
