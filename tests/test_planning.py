@@ -290,6 +290,8 @@ def test_replanning_from_every_cycle_is_legal_and_never_much_later(
 ) -> None:
     """From each cycle of a plan: to the same target it ends no later than two cycles after the
     plan itself, to a new target it is legal; position, velocity and acceleration go on.
+
+    Not where the way left points back: then unequal limits change places.
     """
     rng = np.random.default_rng(seed)
     coarse = 5e-3
@@ -297,12 +299,12 @@ def test_replanning_from_every_cycle_is_legal_and_never_much_later(
     profile = plan(start, rng.uniform(-60, 60), limit, coarse)
     end = profile.end
     states = sample_states(profile)[:-1]
-    rest = [profile.cycles - k for k in range(len(states))]
-    later = []
+    later = {}
     for k, sample in enumerate(states):
-        now = state_at(sample, coarse)
+        now, left = state_at(sample, coarse), profile.cycles - k
         again = plan(now, end, limit, coarse)
-        later.append(again.cycles - rest[k])
+        if limit is ROBOT or goes_forward(again) == goes_forward(profile):
+            later[left] = again.cycles - left
         other = plan(now, end.position + rng.uniform(-50, 50), limit, coarse)
         assert other.sample().position[-1] == other.end.position
         stop = plan_velocity(now, 0.0, limit, coarse)
@@ -310,13 +312,10 @@ def test_replanning_from_every_cycle_is_legal_and_never_much_later(
             for found in (again, other):
                 legal(found, limit)
             legal(stop, limit, change=True)
-    # The state is rounded to doubles, so the rest of the plan itself is a hair out of reach; at the
-    # very end, where it has no freedom left, landing exactly takes up to four cycles more. Two
-    # jerks are planned with the smaller where they meet: later, but rarely.
-    assert np.percentile(later, 90) <= 2
-    if limit is ROBOT:
-        assert max(later[:-6]) <= 2
-        assert max(later) <= 4
+    # The state is rounded to doubles, so the rest of the plan itself is a hair out of reach; in the
+    # last cycle, where it has no freedom left, landing exactly takes up to four cycles more.
+    assert max(more for left, more in later.items() if left > 1) <= 2
+    assert max(later.values()) <= 4
 
 
 @pytest.mark.parametrize("factor", [0.9, 0.5, 0.1])
@@ -325,10 +324,11 @@ def test_limits_lowered_in_mid_motion_are_legal(factor: float) -> None:
     profile = plan(0.0, 160.0, ROBOT, T)
     low = Limits(90.0 * factor, 500.0 * factor, 5000.0)
     states = sample_states(profile)
-    for k in range(1, profile.cycles, 37):
+    for k in range(1, profile.cycles, 11):
         now = state_at(states[k], T)
-        if now.velocity - now.acceleration**2 / (2 * 5000.0) < 0.9:
-            continue  # almost at rest and still braking: it cannot but stop first
+        V, A = now.velocity + now.acceleration * T / 2, now.acceleration
+        if A < 0 and V - A**2 / (2 * 5000.0) < 5000.0 * T**2:
+            continue  # full jerk leaves less than a cycle of it: a cycle lost turns back
         slower = plan(now, 400.0, low, T)
         samples = slower.sample()
         assert samples.position[-1] == 400.0
@@ -635,14 +635,14 @@ def test_no_sequence_of_cycles_keeps_what_the_judge_calls_unavoidable(asymmetric
 
 
 def test_a_stop_is_no_longer_than_the_plan_it_stops() -> None:
-    """While a move brakes, a stop takes about as long and ends within a cycle's way of its goal."""
+    """While a move brakes, a stop takes no longer and ends within a cycle's way of its goal."""
     profile = plan(0.0, 20.0, UNEVEN, T)
     states = sample_states(profile)
     braking = min(range(len(states)), key=lambda k: states[k].a) + 1
-    for k in range(braking, profile.cycles - 1, 7):
+    for k in range(braking, profile.cycles - 1):
         stop = plan_velocity(state_at(states[k], T), 0.0, UNEVEN, T)
-        assert stop.end.position <= 20.0 + 90.0 * T
-        assert stop.cycles <= profile.cycles - k + 3
+        assert stop.end.position <= 20.0 + float(states[k].v)
+        assert stop.cycles <= profile.cycles - k
 
 
 def test_position_range_refuses_targets_and_reports_ways() -> None:
