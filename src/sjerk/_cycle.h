@@ -23,6 +23,8 @@ void sj_goal_take(sj_kernel *kernel, int32_t stopped);
 void sj_goal_again(sj_kernel *kernel);
 /* An axis that has reached its goal with a velocity goes on, and to rest at a position limit. */
 void sj_goal_reached(sj_kernel *kernel, int32_t axis);
+/* After a change of the axis' limits, and before a motion is planned. */
+void sj_goal_ceiling(sj_axis *ax);
 /* Stops of the axes of a set, from the commanded state. */
 void sj_goal_halt(sj_kernel *kernel, uint64_t axes);
 void sj_goal_quick_stop(sj_kernel *kernel, uint64_t axes);

@@ -4,7 +4,7 @@
  * brings each to rest as soon as its own stop limits allow. Override and hold plan the goals anew
  * under other velocities, so all limits hold throughout. Never here: drives, memory, time.
  */
-#include <math.h>   /* fabs, isfinite, sqrt */
+#include <math.h>   /* fabs, floor, isfinite, sqrt */
 #include <stddef.h>
 #include <stdint.h>
 #include <string.h> /* memcmp of limits */
@@ -49,6 +49,47 @@ static double way_of(const sj_plan *plan, double v, double a, double *low, doubl
     return way;
 }
 
+/* ---- limits that are lowered on the way ---- */
+
+static void raise(double *limit, double least)
+{
+    *limit = fmax(*limit, least);
+}
+
+/* At rest the limits of the axis; else the largest of them since then. */
+void sj_goal_ceiling(sj_axis *ax)
+{
+    const sj_limits *own = &ax->config.limits;
+    if (!axis_moving(ax)) {
+        ax->ceiling = *own;
+        return;
+    }
+    raise(&ax->ceiling.velocity, own->velocity);
+    raise(&ax->ceiling.acceleration, own->acceleration);
+    raise(&ax->ceiling.jerk, own->jerk);
+    raise(&ax->ceiling.deceleration, own->deceleration);
+    raise(&ax->ceiling.deceleration_jerk, own->deceleration_jerk);
+}
+
+/* A jerk lower than that of the motion under way could carry it beyond the velocity of its axis
+ * before the acceleration is gone: then so much more of the axis' own as it takes. In whole cycles
+ * n, v in the direction of a: v + n a / 2 <= V, jerk a / n. */
+static sj_limits kept(const sj_axis *ax, const sj_limits *asked)
+{
+    continuous at = commanded(ax);
+    double v = copysign(1.0, at.A.hi) * at.V.hi, a = fabs(at.A.hi), most, n;
+    sj_limits limits = *asked;
+    if (a == 0.0)
+        return limits;
+    most = fmax(ax->ceiling.jerk, ax->ceiling.deceleration_jerk);
+    n = floor(2.0 * (ax->ceiling.velocity - v) / a);
+    if (n >= 1.0)
+        most = fmin(most, a / n);
+    raise(&limits.jerk, most);
+    raise(&limits.deceleration_jerk, most);
+    return limits;
+}
+
 /* ---- stops ---- */
 
 static void give_up(sj_axis *ax)
@@ -85,6 +126,7 @@ static void stretch(const sj_axis *ax, int64_t cycles, sj_plan *plan)
 {
     continuous at = commanded(ax);
     double low, high, way = way_of(plan, at.V.hi, at.A.hi, &low, &high);
+    sj_limits limits = kept(ax, limits_of(ax));
     sj_plan longer;
     way *= (double)cycles / (double)(plan->cycles > 0 ? plan->cycles : 1);
     if (!ax->interpolator.goal_free) {
@@ -92,7 +134,7 @@ static void stretch(const sj_axis *ax, int64_t cycles, sj_plan *plan)
         if (left * way > 0.0 && fabs(way) > fabs(left))
             way = left;
     }
-    if (sj_plan_duration(way, at.V.hi, at.A.hi, 0.0, limits_of(ax), cycles, &longer) == SJ_PLAN_OK)
+    if (sj_plan_duration(way, at.V.hi, at.A.hi, 0.0, &limits, cycles, &longer) == SJ_PLAN_OK)
         *plan = longer;
 }
 
@@ -157,7 +199,7 @@ static void halt_together(sj_kernel *kernel, const int32_t *axes, int32_t n)
     int32_t rest = 1;
 
     for (int32_t i = 0; i < n; i++)
-        limits[i] = *limits_of(&kernel->axis[axes[i]]);
+        limits[i] = kept(&kernel->axis[axes[i]], limits_of(&kernel->axis[axes[i]]));
     if (plan_line(kernel, axes, n, limits, 1) != 0) {
         for (int32_t i = 0; i < n; i++) {
             if (plan_stop(&kernel->axis[axes[i]], &limits[i], &kernel->plan[i]) != SJ_PLAN_OK) {
@@ -222,6 +264,7 @@ void sj_goal_quick_stop(sj_kernel *kernel, uint64_t set)
 {
     for (int32_t i = 0; i < kernel->axes; i++) {
         sj_axis *ax = &kernel->axis[i];
+        sj_limits limits;
         sj_plan plan;
         if ((set >> i & 1) == 0 || !ax->following)
             continue;
@@ -231,7 +274,8 @@ void sj_goal_quick_stop(sj_kernel *kernel, uint64_t set)
             ax->parked = 0;
             continue;
         }
-        if (plan_stop(ax, &ax->config.stop_limits, &plan) != SJ_PLAN_OK)
+        limits = kept(ax, &ax->config.stop_limits);
+        if (plan_stop(ax, &limits, &plan) != SJ_PLAN_OK)
             ax->drive_stop = 1;
         else if (!rests_within(ax, plan.cycles)) {
             load_stop(ax, &plan);
@@ -297,7 +341,7 @@ static sj_limits overridden(const sj_kernel *kernel, const sj_axis *ax, const sj
     sj_limits limits = goal->limits;
     double most = fmax(limits.velocity, ax->config.limits.velocity);
     limits.velocity = fmin(limits.velocity * kernel->override, most);
-    return limits;
+    return kept(ax, &limits);
 }
 
 static double clamp(double x, double most)
@@ -444,6 +488,7 @@ void sj_goal_take(sj_kernel *kernel, int32_t stopped)
         sj_axis *ax = &kernel->axis[i];
         if (command->axis[i].goal.kind == SJ_GOAL_NONE)
             continue;
+        sj_goal_ceiling(ax);
         goals[n] = command->axis[i].goal;
         if (goals[n].kind == SJ_GOAL_RELATIVE) {
             goals[n].kind = SJ_GOAL_ABSOLUTE;

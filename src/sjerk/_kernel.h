@@ -1019,6 +1019,7 @@ typedef struct {
     sj_drive drive;
     sj_axis_config config;
     sj_axis_goal goal;                  /* in execution, or reached; absolute */
+    sj_limits ceiling;                  /* the largest of the axis since it last was at rest */
     double line;                        /* its share of a straight line, 0: not on one */
     int64_t actual_counts;              /* 6064h unwrapped */
     int64_t target_counts;              /* sent last */

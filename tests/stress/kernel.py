@@ -28,6 +28,7 @@ from kernel_check import Verdict, check
 from kernel_host import play
 
 from sjerk import Axis, DriveConfig, Limits, MotionKernel, Recorder, Recording, replay, storage
+from sjerk._binding import lib
 
 COUNTS = 2**24 / 360.0
 AXES = 16
@@ -174,13 +175,17 @@ class Soak:
                 first = first or last
             if time.monotonic() > kill:
                 kill = time.monotonic() + self.random.uniform(0.5, 4.0)
-                self.kill_one(kernel.name, log)
+                assert kernel._segment is not None
+                self.kill_one(kernel.name, log, lib.sj_shm_host_pid(kernel._segment.base))
         self.memory.append((first, last))
         if last - first > MEMORY_KB:
             self.total.find("memory", f"{first} kB to {last} kB in {seconds:.0f} s")
 
-    def kill_one(self, name: str, log: Path) -> None:
+    def kill_one(self, name: str, log: Path, in_charge: int) -> None:
+        """Mostly the one that is host now."""
         victim = self.random.choice(self.hosts)
+        if self.random.random() < 0.8:
+            victim = next((h for h in self.hosts if h.pid == in_charge), victim)
         if victim.is_alive():
             victim.kill()
             self.kills += 1
