@@ -12,10 +12,19 @@ from sjerk.errors import (
     SjerkError,
     SupersededError,
 )
-from sjerk.feedback import AxisFeedback, Event, EventKind, Feedback, Timing
+from sjerk.feedback import (
+    AxisFeedback,
+    Event,
+    EventKind,
+    Feedback,
+    PathFeedback,
+    PathState,
+    Timing,
+)
 from sjerk.following import Followed, Segment, follow, follow_path, follow_stops
 from sjerk.host import Host, Move, MoveState
 from sjerk.kernel import Axis, Image, MotionKernel, Reactions
+from sjerk.path import Path, Progress
 from sjerk.planning import Motion, Plans, plan, plan_many, plan_velocity
 from sjerk.profile import Extrema, Limits, Phase, Profile, Range, Samples, State, scurve
 from sjerk.recording import Gap, Recorder, Recording
@@ -53,10 +62,14 @@ __all__ = [
     "MotionStoppedError",
     "Move",
     "MoveState",
+    "Path",
+    "PathFeedback",
+    "PathState",
     "Phase",
     "PlanError",
     "Plans",
     "Profile",
+    "Progress",
     "Range",
     "Reactions",
     "Recorder",

@@ -153,8 +153,10 @@ static int32_t take(sj_kernel *kernel)
 /* Each room: OFFER_WAIT, OFFER_TAKEN, or -(enum sj_result). */
 static int32_t offer(sj_kernel *kernel, const sj_held *held)
 {
-    (void)kernel;
     switch (held->record.kind) {
+    case SJ_RECORD_PATH:
+    case SJ_RECORD_SEGMENT:
+        return sj_path_offer(kernel, held);
     default:
         return -SJ_RESULT_KIND;
     }

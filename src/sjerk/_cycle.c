@@ -402,10 +402,11 @@ void sj_kernel_cycle(sj_kernel *kernel, uint64_t now_ns)
     watch(kernel, now_ns);
     collect(kernel);
     sj_ahead_take(kernel);
+    sj_path_step(kernel);
     for (int32_t i = 0; i < kernel->axes; i++) {
         sj_axis *ax = &kernel->axis[i];
         sj_axis_feedback *out = &kernel->feedback.axis[i];
-        if (ax->following) {
+        if (ax->following && (kernel->path.led >> i & 1) == 0) {
             int32_t ahead = ax->interpolator.ahead > 0;
             sj_interpolator_step(&ax->interpolator);
             if (ahead)

@@ -1,5 +1,5 @@
-/* What the files of the cycle share: _cycle.c (top to bottom), _goals.c (goals and stops) and _ahead.c
- * (what waits for its turn). */
+/* What the files of the cycle share: _cycle.c (top to bottom), _goals.c (goals and stops), _ahead.c
+ * (what waits for its turn) and _path.c (the path in play). */
 #ifndef SJ_CYCLE_H
 #define SJ_CYCLE_H
 
@@ -38,6 +38,17 @@ void sj_ahead_take(sj_kernel *kernel);  /* after the command */
  * answered with `result`. */
 void sj_ahead_drop(sj_kernel *kernel, uint64_t axes, uint64_t first, uint64_t last, int32_t result);
 void sj_ahead_stop(sj_kernel *kernel, uint64_t axes);   /* all that were given before this stop */
+
+/* The path in play leads its axes: positions from the track instead of the interpolator. */
+int32_t sj_path_offer(sj_kernel *kernel, const sj_held *held);
+void sj_path_step(sj_kernel *kernel);
+/* Of these axes the ones it leads: it comes to rest on the path, and is forgotten. */
+uint64_t sj_path_halt(sj_kernel *kernel, uint64_t axes);
+/* It is left at once, if it leads one of these axes; the others halt. */
+void sj_path_leave(sj_kernel *kernel, uint64_t axes);
+/* The interpolator of an axis as it goes on from the path; and to let go of axes. */
+void sj_path_hand_over(sj_kernel *kernel, int32_t axis);
+void sj_path_release(sj_kernel *kernel, uint64_t axes);
 
 /* What a room says to a record: wait, consumed, or refused with -(enum sj_result). */
 enum { OFFER_WAIT = 0, OFFER_TAKEN = 1 };

@@ -14,6 +14,7 @@
 #include <stdint.h>
 #include <string.h> /* memcpy of rows */
 #include "_kernel.h"
+#include "_segment.h" /* what a sample is */
 
 /* Segments on either side that a change of one is felt in: 0.27^24 is below the last bit. */
 enum { REACH = 24, NEAR = 5, ROUNDS = 4000, PASSES = 50 };
@@ -493,22 +494,18 @@ static void sample(int64_t joints, const double *from, const double *to, const d
 {
     int64_t row = first;
     for (int64_t k = 0; k < joints; k++) {
-        double A = A0[k], V = V0[k], P = 0.5 * V - A / 3.0 + 0.125 * L0[k]; /* from `from` */
+        segment_state at = {segment_first(V0[k], A0[k], L0[k]), V0[k], A0[k]};
         row = first;
         for (int p = 0; p < 4; p++) {
-            double J = jerk[p * joints + k], n = (double)length[p];
+            double J = jerk[p * joints + k];
             for (int64_t c = 1; c <= length[p]; c++, row++) {
-                double t = (double)c, a = A + (t - 0.5) * J;
-                double v = V + t * (A + 0.5 * t * J) - 0.5 * a;
-                double P1 = P + t * (V + t * (0.5 * A + t * J / 6.0));
-                out->position[row * joints + k] = from[k] + (P1 - 0.5 * v + (A + t * J) / 12.0);
-                out->velocity[row * joints + k] = v;
-                out->acceleration[row * joints + k] = a;
+                segment_state now = segment_sample(at, (double)c, J);
+                out->position[row * joints + k] = from[k] + now.P;
+                out->velocity[row * joints + k] = now.V;
+                out->acceleration[row * joints + k] = now.A;
                 out->jerk[row * joints + k] = J;
             }
-            P += n * (V + n * (0.5 * A + n * J / 6.0));
-            V += n * (A + 0.5 * n * J);
-            A += n * J;
+            at = segment_after(at, (double)length[p], J);
         }
         out->position[(row - 1) * joints + k] = to[k];
     }

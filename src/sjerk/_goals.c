@@ -241,6 +241,7 @@ static int32_t group_of(const sj_kernel *kernel, int32_t axis, uint64_t *set, in
 
 void sj_goal_halt(sj_kernel *kernel, uint64_t set)
 {
+    set &= ~sj_path_halt(kernel, set);
     for (int32_t i = 0; i < kernel->axes; i++) {
         int32_t axes[SJ_AXES], n;
         if ((set >> i & 1) == 0 || !kernel->axis[i].following)
@@ -262,6 +263,7 @@ void sj_goal_halt(sj_kernel *kernel, uint64_t set)
 
 void sj_goal_quick_stop(sj_kernel *kernel, uint64_t set)
 {
+    sj_path_leave(kernel, set);
     for (int32_t i = 0; i < kernel->axes; i++) {
         sj_axis *ax = &kernel->axis[i];
         sj_limits limits;
@@ -490,6 +492,7 @@ void sj_goal_take(sj_kernel *kernel, int32_t stopped)
             continue;
         sj_goal_ceiling(ax);
         goals[n] = command->axis[i].goal;
+        sj_path_hand_over(kernel, i);
         if (goals[n].kind == SJ_GOAL_RELATIVE) {
             goals[n].kind = SJ_GOAL_ABSOLUTE;
             goals[n].goal += ax->interpolator.q.hi;
@@ -508,6 +511,8 @@ void sj_goal_take(sj_kernel *kernel, int32_t stopped)
         if (result == SJ_RESULT_ACCEPTED)
             take_over(kernel, axes, goals, n, synchronization, ways);
     }
+    if (result == SJ_RESULT_ACCEPTED)
+        sj_path_release(kernel, set);
     if (result == SJ_RESULT_ACCEPTED)
         sj_ahead_drop(kernel, set, 0, command->goal_records, SJ_RESULT_SUPERSEDED);
     for (int32_t i = 0; i < n && result == SJ_RESULT_ACCEPTED; i++) {

@@ -651,6 +651,78 @@ int64_t sj_follow_sample(int64_t count, int64_t joints, const double *position,
                          const double *last_jerk, const int64_t *length, const double *jerk,
                          const sj_follow_samples *out);
 
+/* ---- peers: a path in play (_track.c: where, _pace.c: when) ------------------------------------ */
+
+enum { SJ_TRACK_NUMBERS = 131072, SJ_TRACK_SEGMENTS = 2048 };
+
+enum sj_track_status {
+    SJ_TRACK_OK = 0,
+    SJ_TRACK_FULL = 1,                  /* wait: nothing was taken */
+    SJ_TRACK_ORDER = 2,                 /* not the segment that comes next */
+    SJ_TRACK_LENGTH = 3,                /* phases out of range, or no rest at the end */
+    SJ_TRACK_NUMBER = 4,                /* a number that is none */
+    SJ_TRACK_BROKEN = 5,                /* does not go on where the segment before ends */
+    SJ_TRACK_LIMIT = 6,                 /* velocity, acceleration or jerk beyond the axis' own */
+    SJ_TRACK_POSITION = 7               /* leaves the position limits */
+};
+
+/* A segment for one axis: the way-point at its end, the continuous state at its first knot, the jerk
+ * of the cycle before that, and one per phase. Per cycle, as `Followed` has them. */
+typedef struct {
+    double position, velocity, acceleration, last_jerk;
+    double jerk[4];
+} sj_track_axis;
+
+typedef struct {
+    int64_t begin;                      /* path cycle of its first knot */
+    int64_t number;                     /* of the way-point at its end */
+    int64_t cycles[4];
+} sj_track_segment;
+
+/* What an axis allows. */
+typedef struct {
+    double velocity, acceleration, jerk, position_min, position_max;
+} sj_track_limits;
+
+/* The window of a path: segments first .. first + count - 1, each in slot (index % capacity). */
+typedef struct {
+    int32_t axes, capacity;
+    int64_t first, count;
+    int64_t end;                        /* path cycle where what is known ends */
+    int64_t number;                     /* of the way-point there */
+    int32_t whole;                      /* 1: the path ends there */
+    int32_t axis;                       /* that the last refusal was about */
+    sj_track_limits limits[64];
+    double way_point[64], velocity[64], acceleration[64], last_jerk[64]; /* there */
+    sj_track_segment segment[2048];
+    double row[131072];                 /* per segment nine columns of all axes */
+} sj_track;
+
+/* The phase that a place of the path lies in. */
+typedef struct {
+    int64_t segment, begin, end;        /* path cycles of the phase */
+    int32_t phase, reserved;
+    double P[64], V[64], A[64];         /* continuous at its begin; P from the segment's first way-point */
+} sj_cursor;
+
+void    sj_track_begin(sj_track *track, int32_t axes, const double *position,
+                       const sj_track_limits *limits);
+int32_t sj_track_add(sj_track *track, int64_t number, const int64_t *cycles, int32_t last,
+                     const sj_track_axis *axis);
+/* Forget the segments whose way-point has this number or a later one; the number of them. */
+int64_t sj_track_cut(sj_track *track, int64_t number);
+/* Segments before this one are not needed any more. */
+void    sj_track_pass(sj_track *track, int64_t segment);
+/* The phase of path cycle `cell`, the one from cell to cell + 1; 0, or -1: not known. */
+int32_t sj_cursor_seek(const sj_track *track, int64_t cell, sj_cursor *cursor);
+/* Positions so many cycles after the phase's begin; they are the samples where the path is run at
+ * its speed. */
+void    sj_cursor_position(const sj_track *track, const sj_cursor *cursor, double cycles,
+                           double *position);
+/* The sample after the phase's c-th cycle, bit for bit that of sj_follow_sample. */
+void    sj_cursor_sample(const sj_track *track, const sj_cursor *cursor, int64_t c,
+                         const sj_follow_samples *out);
+
 /* ---- peers: states of an axis (_states.c) ---------------------------------------------------- */
 
 enum {                                  /* PLCopen, motion control part 1: the state diagram */
@@ -683,7 +755,7 @@ enum {                                  /* what leads from one to the next */
 /* The next state, or -1: refused in this state. */
 int32_t sj_axis_next(int32_t state, int32_t trigger);
 
-/* ---- wiring: interpolator (_kernel.c) and cycle (_cycle.c) ----------------------------------- */
+/* ---- wiring: interpolator (_kernel.c) ------------------------------------------------------- */
 
 enum sj_load_status {
     SJ_LOAD_OK = 0,
@@ -728,9 +800,95 @@ int32_t sj_sample(const sj_plan *plan, const void *start, const void *end,
 void    sj_lemma_plan(const sj_state *sample, double jerk, sj_state *plan);
 void    sj_lemma_sample(const sj_state *plan, double jerk, sj_state *sample);
 
+/* ---- wiring: the pace of a path in play (_pace.c) -------------------------------------------- */
+
+/* Axis-samples that one cycle checks at most, and what a plan counts as. */
+enum { SJ_PACE_CHECKS = 4096, SJ_PACE_PLAN = 256 };
+
+enum sj_pace_status {
+    SJ_PACE_RUNS = 0,
+    SJ_PACE_RESTS = 1,                  /* on the path, as it was told */
+    SJ_PACE_STARVES = 2,                /* rests, or comes to rest, for want of segments */
+    SJ_PACE_DONE = 3,                   /* on the last way-point */
+    SJ_PACE_LOST = 4                    /* no place to go: what was known is over, in motion */
+};
+
+/* Path cycles passed, a motion of its own: speed 1 is the path as it was planned. */
+typedef struct {
+    sj_interpolator s;                  /* beyond `origin` */
+    int64_t origin;
+} sj_pace;
+
+/* A pace on its track, cycle by cycle. */
+typedef struct {
+    sj_pace pace;
+    sj_cursor cursor;
+    double past[4][64];                 /* positions of the last four cycles, the newest first */
+} sj_run;
+
+enum sj_search_kind {
+    SJ_SEARCH_NONE = 0,
+    SJ_SEARCH_CHANGE = 1,               /* to another speed, as soon as possible */
+    SJ_SEARCH_STOP = 2,                 /* at the end of what is known, as late as possible */
+    SJ_SEARCH_AWAY = 3,                 /* above speed 1 for a while, and back */
+    SJ_SEARCH_STAY = 4,                 /* there for longer */
+    SJ_SEARCH_SOONER = 5                /* a change that is under way, harder */
+};
+
+/* The candidate that is being checked against the limits, over its whole way. */
+typedef struct {
+    int32_t kind;                       /* enum sj_search_kind */
+    int32_t rung, share;                /* how hard, how much of what is wanted */
+    int32_t stage;                      /* 0: none is under way */
+    int32_t left;                       /* cycles of this stage */
+    int32_t spent;                      /* 1: nothing found, and nothing has changed since */
+    double to;
+    int64_t known;                      /* end of the track it was made for */
+    int64_t delay;                      /* cycles until it begins */
+    int64_t cycle;                      /* of the run */
+    int64_t begin, second_at;           /* cycles in which its plans begin; second: -1 none */
+    int64_t again;                      /* cycle from which to look again */
+    sj_run run;
+    sj_pace first, second;
+} sj_search;
+
+typedef struct {
+    sj_track track;
+    sj_run run;
+    double velocity[64], acceleration[64], jerk[64];    /* of run.past[0] */
+    double wish;                        /* speed, 0 .. 2 */
+    double hardest_a, hardest_j;        /* of changes of speed */
+    double below;                       /* the highest constant speed below 1 */
+    double away;                        /* the wish that led above 1 */
+    int64_t cycle;
+    int64_t plain;                      /* cycles that were the path's own samples, in a row */
+    sj_pace next, after;                /* checked: taken over in their cycles, one after the other */
+    int64_t next_at, after_at;          /* after: -1 there is none */
+    int64_t next_known;
+    int32_t next_kind;                  /* enum sj_search_kind; NONE: there is none */
+    int32_t begun, starves;
+    int32_t rung, next_rung;            /* of the present motion, of the next */
+    int32_t rests;                      /* cycles at rest in a row, or TAIL: differences are 0 */
+    int64_t checked;                    /* path cycles that checked motions count on */
+    sj_search search;
+} sj_player;
+
+/* Needs a begun track. */
+void    sj_player_begin(sj_player *player);
+/* The positions of the next cycle, in run.past[0]; enum sj_pace_status. */
+int32_t sj_player_step(sj_player *player);
+double  sj_player_speed(const sj_player *player);
+/* Whole path cycles passed, and the rest. */
+int64_t sj_player_place(const sj_player *player, double *rest);
+/* Drop the segments from this way-point on; -1: one has begun, or a checked motion counts on it. */
+int32_t sj_player_cut(sj_player *player, int64_t number);
+/* The state of an axis from which an interpolator goes on within the limits of its jerk. */
+void    sj_player_hand_over(const sj_player *player, int32_t axis, sj_state *sample, double *jerk);
+
+/* ---- wiring: commands and feedback of the cycle (_cycle.c) ------------------------------------ */
+
 /* One cycle. Command and feedback are what the dual-port RAM carries; its layouts are hashed by
  * the host (field names, types and offsets). Positions in axis units, time in cycles. */
-
 enum sj_result {                        /* what became of a goal */
     SJ_RESULT_NONE = 0,
     SJ_RESULT_ACCEPTED = 1,
@@ -744,7 +902,10 @@ enum sj_result {                        /* what became of a goal */
     SJ_RESULT_SPEED = 9,                /* refused: faster than the drive follows */
     SJ_RESULT_SUPERSEDED = 10,          /* never begun: cancelled, or a newer goal came */
     SJ_RESULT_KIND = 11,                /* refused: a record of no known kind, or out of place */
-    SJ_RESULTS = 12
+    SJ_RESULT_START = 12,               /* refused: the path does not begin where the axes are */
+    SJ_RESULT_SEGMENT = 13,             /* refused: a segment is none, or does not go on from the last */
+    SJ_RESULT_BEGUN = 14,               /* refused: what is to be replaced has begun */
+    SJ_RESULTS = 15
 };
 
 enum sj_goal_kind {
@@ -765,7 +926,8 @@ enum sj_event_kind {
     SJ_EVENT_LATE = 6,                  /* value: cycles of the clock that were skipped */
     SJ_EVENT_ANCHOR = 7,                /* the drive left; the command is the actual position */
     SJ_EVENT_LIMITS = 8,                /* code: enum sj_result of new limits */
-    SJ_EVENTS = 9
+    SJ_EVENT_PATH = 9,                  /* code: new enum sj_path_state, value: way-point ahead */
+    SJ_EVENTS = 10
 };
 
 enum sj_cause {                         /* what a kernel can react to */
@@ -794,6 +956,13 @@ typedef struct {
     int32_t reserved;
 } sj_axis_goal;
 
+/* Levels for one path, by its goal id; another one runs at speed 1. */
+typedef struct {
+    uint64_t goal_id;
+    double speed;                       /* 0 .. 2, times the override */
+    int32_t pause, cancel;              /* 1: come to rest on the path; and forget it */
+} sj_path_command;
+
 /* Levels, and edges as counters: a new number is one edge, whatever was overwritten in between. */
 typedef struct {
     sj_axis_goal goal;
@@ -816,6 +985,7 @@ typedef struct {
     uint64_t cancel_axes;               /* bit n: on axis n; taken when cancels is new */
     uint32_t cancels;
     int32_t reserved;
+    sj_path_command path;
     sj_axis_command axis[64];
 } sj_command;
 
@@ -838,14 +1008,15 @@ enum sj_buffer_mode {                   /* PLCopen: how a move follows the one b
 
 typedef struct {
     sj_axis_goal goal;                  /* MOVE; of every kind: NONE = not for this axis */
-    double position;                    /* SEGMENT: way-point at its end */
+    double position;                    /* SEGMENT: way-point at its end; PATH: the first one */
     double velocity, acceleration, last_jerk;   /* continuous state at its first knot, per cycle */
     double jerk[4];                     /* of its phases */
 } sj_axis_record;
 
 typedef struct {
     uint64_t goal_id;
-    uint64_t number;                    /* SEGMENT: in its path */
+    uint64_t number;                    /* SEGMENT: of the way-point at its end; PATH: 0, or the one
+                                           from which it replaces the path that runs */
     int64_t cycles[4];                  /* SEGMENT: its phases */
     int64_t least_cycles;               /* MOVE */
     int32_t kind;                       /* enum sj_record_kind */
@@ -875,6 +1046,28 @@ typedef struct {
     double counts_per_unit, wrap;       /* wrap: axis units per turn, 0 = none */
     char unit[16];
 } sj_axis_feedback;
+
+enum sj_path_state {
+    SJ_PATH_NONE = 0,                   /* there was none yet */
+    SJ_PATH_RUNS = 1,
+    SJ_PATH_PAUSED = 2,                 /* at rest on it: pause, hold, speed 0 */
+    SJ_PATH_STARVES = 3,                /* stops or rests on it for want of segments */
+    SJ_PATH_STOPS = 4,                  /* on it, to be forgotten */
+    SJ_PATH_DONE = 5,                   /* on its last way-point */
+    SJ_PATH_STOPPED = 6,                /* at rest on it, and forgotten */
+    SJ_PATH_LEFT = 7                    /* by a quick stop, a goal, or for want of segments */
+};
+
+/* The path in play, or the last one. */
+typedef struct {
+    uint64_t goal_id, axes;             /* bit n: axis n */
+    int64_t number;                     /* of the way-point ahead */
+    int64_t known;                      /* of the last one taken */
+    double cycle;                       /* passed since the way-point before, path cycles */
+    double speed;                       /* 1 = as planned */
+    int32_t state;                      /* enum sj_path_state */
+    int32_t result;                     /* enum sj_result of its segments */
+} sj_path_feedback;
 
 enum { SJ_HISTOGRAM_BUCKETS = 400 };
 
@@ -921,6 +1114,7 @@ typedef struct {
     int32_t ring_spoilt;                /* 1: no record is taken until the host flushes the ring */
     sj_clock_report clock;
     sj_histogram latency, period, computing;
+    sj_path_feedback path;
     sj_axis_feedback axis[64];
 } sj_feedback;
 
@@ -1071,6 +1265,17 @@ typedef struct {
 
 uint64_t sj_record_bytes(int32_t axes);
 
+/* ---- wiring: the path in play (_path.c) ------------------------------------------------------ */
+
+typedef struct {
+    uint64_t goal_id, newest;           /* newest: highest id a record of a path had */
+    uint64_t led;                       /* bit n: axis n is led by it; 0: none is in play */
+    int32_t count;                      /* of its axes */
+    int32_t cancelled;
+    int32_t axis[64];                   /* of the kernel, by axis of the track */
+    sj_player player;
+} sj_path;
+
 typedef struct {
     void *segment;
     int32_t axes;
@@ -1097,6 +1302,7 @@ typedef struct {
     sj_plan plan[64];                   /* room for planning a goal */
     sj_interpolator trial[64];
     sj_ahead ahead;
+    sj_path path;
     sj_drive_rx rx[64];                 /* process image: to the drives, from the drives */
     sj_drive_tx tx[64];
     sj_axis axis[64];

@@ -17,6 +17,38 @@ from sjerk.profile import Limits
 from sjerk.states import AxisState
 
 
+class PathState(IntEnum):
+    """What a path in the kernel does, or what has become of it."""
+
+    SENT = lib.SJ_PATH_NONE
+    RUNS = lib.SJ_PATH_RUNS
+    PAUSED = lib.SJ_PATH_PAUSED
+    STARVES = lib.SJ_PATH_STARVES
+    STOPS = lib.SJ_PATH_STOPS
+    DONE = lib.SJ_PATH_DONE
+    STOPPED = lib.SJ_PATH_STOPPED
+    LEFT = lib.SJ_PATH_LEFT
+    REFUSED = 8
+    SUPERSEDED = 9
+
+
+@dataclass(frozen=True)
+class PathFeedback:
+    """The path in play, or the last one, in one cycle.
+
+    ``point``: the way-point ahead; ``time`` (s): passed since the one before, in the path's own
+    time; ``speed``: 1 as planned; ``known``: the last way-point that the kernel has.
+    """
+
+    goal_id: int
+    state: PathState
+    axes: tuple[int, ...]
+    point: int
+    time: float
+    speed: float
+    known: int
+
+
 @dataclass(frozen=True)
 class AxisFeedback:
     """One axis in one cycle; positions in axis units, time in seconds.
@@ -117,6 +149,7 @@ class Feedback:
         self.override = float(frame.override)
         self.hold = bool(frame.hold)
         self.axes = tuple(_axis_feedback(frame.axis[i], cycle_time) for i in range(frame.axes))
+        self.path = _path_feedback(frame.path, cycle_time)
 
     def __repr__(self) -> str:
         return f"Feedback(cycle={self.cycle}, axes={self.axes!r})"
@@ -165,6 +198,7 @@ class EventKind(IntEnum):
     LATE = lib.SJ_EVENT_LATE
     ANCHOR = lib.SJ_EVENT_ANCHOR
     LIMITS = lib.SJ_EVENT_LIMITS
+    PATH = lib.SJ_EVENT_PATH
 
 
 @dataclass(frozen=True)
@@ -172,8 +206,9 @@ class Event:
     """Something that happened in a cycle of the kernel.
 
     ``axis`` is None for all. ``code``: of a goal or of limits the ``enum sj_result``, of a state
-    the new ``AxisState``, of a fault the drive's 603Fh (-1: homing failed). ``value``: the state
-    before, the following error (axis unit), or how many cycles were late.
+    the new ``AxisState``, of a path the new ``PathState``, of a fault the drive's 603Fh (-1: homing
+    failed). ``value``: the state before, the way-point ahead, the following error (axis unit), or
+    how many cycles were late.
     """
 
     cycle: int
@@ -185,7 +220,11 @@ class Event:
 
     def __str__(self) -> str:
         where = "" if self.axis is None else f" axis {self.axis}"
-        what = AxisState(self.code).name if self.kind is EventKind.STATE else str(self.code)
+        what = str(self.code)
+        if self.kind is EventKind.STATE:
+            what = AxisState(self.code).name
+        elif self.kind is EventKind.PATH:
+            what = PathState(self.code).name
         return f"cycle {self.cycle}{where}: {self.kind.name} {what} {self.value:g}"
 
     @classmethod
@@ -193,6 +232,18 @@ class Event:
         """Read a ``sj_kernel_event``."""
         axis = None if raw.axis < 0 else int(raw.axis)
         return cls(raw.cycle, EventKind(raw.kind), axis, raw.code, raw.value, raw.goal_id)
+
+
+def _path_feedback(raw: Any, T: float) -> PathFeedback:
+    return PathFeedback(
+        goal_id=int(raw.goal_id),
+        state=PathState(raw.state),
+        axes=tuple(i for i in range(lib.SJ_AXES) if raw.axes >> i & 1),
+        point=int(raw.number),
+        time=raw.cycle * T,
+        speed=raw.speed,
+        known=int(raw.known),
+    )
 
 
 def _axis_feedback(raw: Any, T: float) -> AxisFeedback:

@@ -29,6 +29,7 @@ from sjerk.errors import (
 )
 from sjerk.feedback import Event, EventKind, Feedback, limits_of
 from sjerk.handshake import Layout, Segment
+from sjerk.path import Blocks, Path
 from sjerk.planning import Synchronization, check_target, code_of, cycles_of
 from sjerk.profile import Limits, State
 
@@ -47,6 +48,9 @@ REASONS = {
     lib.SJ_RESULT_LIMIT: "it would leave the position limits of the axis",
     lib.SJ_RESULT_SPEED: "faster than the drive follows",
     lib.SJ_RESULT_KIND: "a record that is none, or not in its place",
+    lib.SJ_RESULT_START: "the path does not begin where the axes are: move there first",
+    lib.SJ_RESULT_SEGMENT: "a segment is none, or does not go on from the one before",
+    lib.SJ_RESULT_BEGUN: "what it is to replace has begun, or its path is over",
 }
 _EVENTS = 1024
 _RECORDS = 512
@@ -344,6 +348,7 @@ class Host(_Reader):
         self._command.override = 1.0
         self._cursor = ffi.new("uint64_t *", lib.sj_event_latest(segment.base))
         self._results: dict[int, tuple[int, int]] = {}
+        self._path_states: dict[int, int] = {}
         self._lock = threading.Lock()  # cffi lets other threads run: two would write as one
         self._T = 0.0
         self._goals = 0  # the newest goal id given
@@ -416,6 +421,9 @@ class Host(_Reader):
                 if self._event.kind == EventKind.GOAL:
                     self._results[self._event.goal_id] = (self._event.code, self._event.axis)
                     self._results.pop(self._event.goal_id - _RESULTS, None)
+                elif self._event.kind == EventKind.PATH:
+                    self._path_states[self._event.goal_id] = self._event.code
+                    self._path_states.pop(self._event.goal_id - _RESULTS, None)
         return self._results.get(goal_id)
 
     # ---- commanding
@@ -623,6 +631,30 @@ class Host(_Reader):
                 check_target(f"target[{i}]", goal, free)
         kind = lib.SJ_GOAL_RELATIVE if relative else lib.SJ_GOAL_ABSOLUTE
         return self._goal(kind, targets, own, code, least)
+
+    def follow(
+        self,
+        blocks: Blocks,
+        *,
+        axes: Sequence[int] | None = None,
+    ) -> Path:
+        """Play a followed trajectory in the kernel's cycle: what ``follow``, ``follow_path`` give.
+
+        ``blocks`` are consumed as the kernel takes them, by a thread, or by ``Path.pump`` in a
+        caller's own loop; a source may yield None where its next block is not there yet. ``axes``:
+        one per joint, else all in order. The path begins from rest at its first way-point (``move``
+        there before) when the axes are at rest and no other path plays; what comes later for these
+        axes waits for its end. Returns at once; the handle tells the rest. Raises InputError, and
+        what the source of the blocks raises at first; a refusal by the kernel is raised by
+        ``Path.wait``.
+        """
+        chosen = self._chosen(None if axes is None else list(axes))
+        if len(set(chosen)) != len(chosen):
+            raise InputError("axes", chosen, "must differ")
+        return Path(self, blocks, chosen)
+
+    def _refusal(self, code: int, axis: int) -> RefusedError:
+        return RefusedError(code, REASONS[code], axis)
 
     def jog(
         self,

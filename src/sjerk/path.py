@@ -1,0 +1,419 @@
+"""Playing followed trajectories in a kernel: segments through the ring, and the handle of a path.
+
+``Host.follow`` makes a ``Path``. The kernel plays it in its cycle (``_path.c``); here its segments
+are fed as the ring takes them, so a path of any length needs constant memory. Never here: planning,
+the layout of the memory.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sjerk._binding import ffi, lib
+from sjerk.errors import (
+    InputError,
+    MotionStoppedError,
+    RefusedError,
+    SupersededError,
+    real,
+)
+from sjerk.feedback import PathState
+from sjerk.following import Followed
+
+#: Records made at a time: memory, and how long the kernel's ring is left alone meanwhile.
+_SLICE = 256
+_ENDED = (
+    PathState.DONE,
+    PathState.STOPPED,
+    PathState.LEFT,
+    PathState.REFUSED,
+    PathState.SUPERSEDED,
+)
+
+
+#: What is played: consecutive segments; None where the next ones are not there yet.
+Blocks = Followed | Iterable[Followed | None]
+
+
+class Commander(Protocol):
+    """What a path needs of its host."""
+
+    _T: float
+    _axes: int
+    _cyclic: bool
+    _closed: bool
+    _command: Any
+    _segment: Any
+    _path_states: dict[int, int]
+
+    @property
+    def _lock(self) -> AbstractContextManager[Any]: ...
+    def _publish(self) -> None: ...
+    def _next_goal(self) -> int: ...
+    def _publish_records(self, records: Any, count: int) -> int: ...
+    def _frame(self) -> Any: ...
+    def _result(self, goal_id: int, frame: Any) -> tuple[int, int] | None: ...
+    def _refusal(self, code: int, axis: int) -> RefusedError: ...
+    def _alive(self, what: str) -> None: ...
+    def _wait_until(self, met: Callable[[Any], bool], timeout: float | None, what: str) -> None: ...
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a path is, by the newest feedback.
+
+    ``point``: the way-point ahead; ``time`` (s): passed since the one before, in the path's own
+    time; ``speed``: 1 as planned; ``known``: the last way-point that the kernel has; ``fed``: the
+    last one that was sent to it; ``complete``: whether that is the path's end.
+    """
+
+    point: int
+    time: float
+    speed: float
+    known: int
+    fed: int
+    complete: bool
+
+
+class Path:
+    """Handle of a followed trajectory in a kernel; ``await path`` does what ``wait`` does.
+
+    Its axes are ``AxisState.SYNCHRONIZED_MOTION``. At full speed the commanded samples are those of
+    ``Followed.sample()`` bit for bit. ``pause``, ``speed`` and ``cancel`` change the speed *on the
+    path*, within the limits of all axes in every cycle: the stop does not leave it, and after
+    ``resume`` the samples are those of ``sample()`` again. Where segments do not come in time the
+    motion comes to rest on the path and goes on by itself when they do.
+    """
+
+    def __init__(self, host: Commander, blocks: Blocks, axes: Sequence[int]) -> None:
+        """Not for callers: ``Host.follow`` makes it."""
+        self._host = host
+        self._axes = list(axes)
+        self._rows = _dtype(host._axes)
+        self._speed, self._paused = 1.0, False
+        self._fed, self._complete = 0, False
+        self._sent: list[tuple[int, int]] = []  # ring number and way-point of each batch's last
+        self._error: BaseException | None = None
+        self._waiting = np.empty(0, dtype=self._rows)
+        self._stop = threading.Event()
+        self._frame = ffi.new("sj_feedback *")
+        self._number = ffi.new("uint64_t *")
+        self._ended: PathState | None = None
+        with host._lock:
+            self._goal_id = host._next_goal()
+        self._first_record = int(lib.sj_ring_published(host._segment.base)) + 1
+        source = iter((blocks,) if isinstance(blocks, Followed) else blocks)
+        self._records = self._made(source, 0)
+        self._begin()
+
+    def _begin(self) -> None:
+        self._waiting = next(self._records)  # at once, so that what is wrong is told here
+        self._thread: threading.Thread | None = None
+        if self._host._cyclic:
+            self._thread = threading.Thread(target=self._feed, daemon=True)
+            self._thread.start()
+        else:
+            self.pump()
+
+    # ---- feeding
+
+    def _made(self, blocks: Iterator[Followed | None], at: int) -> Iterator[NDArray[Any]]:
+        """Records of the blocks, at most ``_SLICE`` at a time, the first one opening the path.
+
+        One is held back until it is known whether it is the last. ``at``: the way-point of the path
+        in play where these go on, 0 for a path of its own.
+        """
+        held = np.empty(0, dtype=self._rows)
+        expected = 0
+        for block in blocks:
+            if block is None:
+                yield held[:0]
+                continue
+            self._check(block, expected)
+            if expected == 0:
+                yield self._opening(block, at)
+            expected = block.first + len(block)
+            for i in range(0, len(block), _SLICE):
+                some = self._segments(block, i, min(i + _SLICE, len(block)), at)
+                if len(held):
+                    yield held
+                if len(some) > 1:
+                    yield some[:-1]
+                held = some[-1:]
+        if not len(held):
+            raise InputError("blocks", "no segments", "must hold at least one segment")
+        held["last"] = 1
+        yield held
+
+    def _check(self, block: Followed, expected: int) -> None:
+        joints = block.position.shape[1]
+        if joints != len(self._axes):
+            raise InputError("axes", self._axes, f"must be one per joint: {joints}")
+        if abs(block.cycle_time - self._host._T) > 1e-9 * self._host._T:
+            raise InputError("cycle_time", block.cycle_time, f"the kernel's is {self._host._T!r}")
+        if block.first != expected:
+            raise InputError("first", block.first, f"blocks must follow each other: {expected}")
+
+    def _empty(self, count: int) -> NDArray[Any]:
+        rows = np.zeros(count, dtype=self._rows)
+        rows["goal_id"] = self._goal_id
+        rows["axis"]["kind"][:, self._axes] = lib.SJ_GOAL_ABSOLUTE
+        return rows
+
+    def _opening(self, block: Followed, at: int) -> NDArray[Any]:
+        row = self._empty(1)
+        row["kind"], row["number"] = lib.SJ_RECORD_PATH, at
+        row["axis"]["position"][0, self._axes] = block.position[0]
+        return row
+
+    def _segments(self, block: Followed, low: int, high: int, at: int) -> NDArray[Any]:
+        T, rows = block.cycle_time, self._empty(high - low)
+        rows["kind"] = lib.SJ_RECORD_SEGMENT
+        begin = block.first + max(at - 1, 0)
+        rows["number"] = np.arange(begin + low + 1, begin + high + 1)
+        rows["cycles"] = block.lengths[low:high]
+        axis = rows["axis"]
+        axis["position"][:, self._axes] = block.position[low + 1 : high + 1]
+        axis["velocity"][:, self._axes] = block.velocity[low:high] * T
+        axis["acceleration"][:, self._axes] = block.acceleration[low:high] * T**2
+        axis["last_jerk"][:, self._axes] = block.last_jerk[low:high] * T**3
+        axis["jerk"][:, self._axes] = (block.jerk[low:high] * T**3).transpose(0, 2, 1)
+        return rows
+
+    def pump(self) -> bool:
+        """Send as many segments as the ring has room for; whether all have been sent.
+
+        For a caller's own loop: call it now and then between ``MotionKernel.step``. With a process
+        a thread does it. Raises what the source of the blocks raises.
+        """
+        segment = self._host._segment
+        while not self._complete:
+            if not len(self._waiting):
+                self._waiting = next(self._records)
+                if not len(self._waiting):
+                    return False
+            room = segment.layout.record_capacity - lib.sj_ring_waiting(segment.base)
+            count = min(room, len(self._waiting))
+            if count <= 0:
+                return False
+            part = np.ascontiguousarray(self._waiting[:count])
+            with self._host._lock:
+                number = self._host._publish_records(ffi.from_buffer(part), count)
+            if not number:
+                return False
+            self._waiting = self._waiting[count:]
+            if part["kind"][-1] == lib.SJ_RECORD_SEGMENT:
+                self._fed = int(part["number"][-1])
+                self._sent = [*self._sent[-64:], (number, self._fed)]
+            self._complete = bool(part["last"][-1])
+        return True
+
+    def _feed(self) -> None:
+        """The thread: until all is sent, or the path is over."""
+        base = self._host._segment.base
+        try:
+            while not self._stop.is_set() and not self._host._closed and not self.pump():
+                if lib.sj_feedback_read(base, self._frame, self._number) == 1:
+                    told = self._frame.path
+                    if told.goal_id >= self._goal_id and PathState(told.state) in _ENDED:
+                        return
+                self._stop.wait(1e-3)
+        except BaseException as error:
+            self._error = error
+            if not self._host._closed:
+                self._order(cancel=1)
+
+    # ---- commanding
+
+    def _order(self, *, cancel: int = 0) -> None:
+        with self._host._lock:
+            order = self._host._command.path
+            order.goal_id, order.speed = self._goal_id, self._speed
+            order.pause, order.cancel = self._paused, cancel
+            self._host._publish()
+
+    def pause(self) -> None:
+        """Come to rest on the path; ``resume`` goes on."""
+        self._paused = True
+        self._order()
+
+    def resume(self) -> None:
+        """Go on along the path, up to the speed that was set."""
+        self._paused = False
+        self._order()
+
+    def speed(self, factor: float) -> None:
+        """Pass the path at another speed, 0 .. 2; 1 is as planned. Times the kernel's override.
+
+        Above 1 as far and as long as the limits of all axes allow it. 0 waits as ``pause`` does.
+        Raises InputError.
+        """
+        if not 0.0 <= real("factor", factor) <= 2.0:
+            raise InputError("factor", factor, "must lie in 0 .. 2")
+        self._speed = factor
+        self._order()
+
+    def cancel(self) -> None:
+        """Come to rest on the path and forget the rest of it; nothing if it is over."""
+        self._stop.set()
+        if self.state in _ENDED:
+            return
+        with self._host._lock:
+            command = self._host._command
+            command.cancel_from = self._first_record
+            command.cancel_to = lib.sj_ring_published(self._host._segment.base)
+            command.cancel_axes = sum(1 << i for i in self._axes)
+            command.cancels = (command.cancels + 1) % 2**32
+        self._order(cancel=1)
+
+    # ---- what has become of it
+
+    @property
+    def axes(self) -> tuple[int, ...]:
+        """Axis numbers, in the order of the joints."""
+        return tuple(self._axes)
+
+    @property
+    def goal_id(self) -> int:
+        """Number of this goal in feedback and events."""
+        return self._goal_id
+
+    @property
+    def state(self) -> PathState:
+        """What has become of it, by the newest feedback."""
+        return self._state(self._host._frame())
+
+    @property
+    def done(self) -> bool:
+        """Whether the command is on the last way-point."""
+        return self.state is PathState.DONE
+
+    @property
+    def progress(self) -> Progress:
+        """How far it is."""
+        told = self._host._frame().path
+        mine = told.goal_id == self._goal_id
+        return Progress(
+            point=int(told.number) if mine else 0,
+            time=float(told.cycle) * self._host._T if mine else 0.0,
+            speed=float(told.speed) if mine else 0.0,
+            known=int(told.known) if mine else 0,
+            fed=self._fed,
+            complete=self._complete,
+        )
+
+    def _state(self, frame: Any) -> PathState:
+        if self._ended is None:
+            state = self._state_now(frame)
+            if state not in _ENDED:
+                return state
+            self._ended = state
+            self._stop.set()
+        return self._ended
+
+    def _state_now(self, frame: Any) -> PathState:
+        told = frame.path
+        if told.goal_id == self._goal_id:
+            state = PathState(told.state)
+            refused = told.result != lib.SJ_RESULT_ACCEPTED
+            return PathState.REFUSED if refused and state in _ENDED else state
+        result = self._host._result(self._goal_id, frame)
+        if result is not None and result[0] == lib.SJ_RESULT_SUPERSEDED:
+            return PathState.SUPERSEDED
+        if result is not None and result[0] == lib.SJ_RESULT_STOPPED:
+            return PathState.STOPPED
+        if result is not None and result[0] != lib.SJ_RESULT_ACCEPTED:
+            return PathState.REFUSED
+        if told.goal_id > self._goal_id:
+            last = PathState(self._host._path_states.get(self._goal_id, lib.SJ_PATH_NONE))
+            return last if last in _ENDED else PathState.SUPERSEDED
+        return PathState.SENT
+
+    def wait(self, timeout: float | None = None) -> None:
+        """Return when the command is on the last way-point.
+
+        Raises RefusedError (with the reason), SupersededError (another path took over),
+        MotionStoppedError (stopped, or left the path), what the source of the blocks raised,
+        KernelGoneError, TimeoutError.
+        """
+        self._host._wait_until(
+            lambda frame: self._state(frame) in _ENDED, timeout, f"path {self._goal_id}"
+        )
+        self._raise()
+
+    def __await__(self) -> Generator[Any, None, None]:
+        return self._settle().__await__()
+
+    async def _settle(self) -> None:
+        while self.state not in _ENDED:
+            self._host._alive("a path")
+            await asyncio.sleep(1e-3)
+        self._raise()
+
+    def _raise(self) -> None:
+        frame = self._host._frame()
+        state = self._state(frame)
+        if self._error is not None:
+            raise self._error
+        if state is PathState.DONE:
+            return
+        position = {i: float(frame.axis[i].position) for i in self._axes}
+        if state is PathState.REFUSED:
+            code, axis = self._host._result(self._goal_id, frame) or (0, -1)
+            if code in (lib.SJ_RESULT_NONE, lib.SJ_RESULT_ACCEPTED):
+                code = frame.path.result
+            raise self._host._refusal(code, axis)
+        if state is PathState.SUPERSEDED:
+            raise SupersededError(position)
+        axes = {i: frame.axis[i] for i in self._axes}
+        raise MotionStoppedError(
+            position, {i: int(axis.error_code) for i, axis in axes.items() if axis.fault}
+        )
+
+    def stopped(self, timeout: float | None = None) -> None:
+        """Return when it is over or at rest on the path, whatever the reason."""
+        rests = (*_ENDED, PathState.PAUSED)
+        self._host._wait_until(
+            lambda frame: (
+                self._state(frame) in rests
+                or (self._state(frame) is PathState.STARVES and frame.path.speed == 0.0)
+            ),
+            timeout,
+            f"path {self._goal_id} to rest",
+        )
+
+
+def _dtype(axes: int) -> np.dtype[Any]:
+    """``sj_record`` of so many axes as a structured type of numpy."""
+    where = ffi.offsetof
+    axis = np.dtype(
+        {
+            "names": ["kind", "position", "velocity", "acceleration", "last_jerk", "jerk"],
+            "formats": ["i4", "f8", "f8", "f8", "f8", ("f8", (4,))],
+            "offsets": [
+                where("sj_axis_record", "goal") + where("sj_axis_goal", "kind"),
+                *(
+                    where("sj_axis_record", name)
+                    for name in ("position", "velocity", "acceleration", "last_jerk", "jerk")
+                ),
+            ],
+            "itemsize": ffi.sizeof("sj_axis_record"),
+        }
+    )
+    names = ["goal_id", "number", "cycles", "kind", "last", "axis"]
+    return np.dtype(
+        {
+            "names": names,
+            "formats": ["u8", "u8", ("i8", (4,)), "i4", "i4", (axis, (axes,))],
+            "offsets": [where("sj_record", name) for name in names],
+            "itemsize": lib.sj_record_bytes(axes),
+        }
+    )

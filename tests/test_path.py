@@ -1,0 +1,350 @@
+"""Paths played in the kernel: the samples bit for bit, and every change of speed on the path."""
+
+from __future__ import annotations
+
+import itertools
+import time
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from following_check import recording_keeps
+from path_check import (
+    ENDED,
+    PANDA,
+    Bench,
+    T,
+    along,
+    begin_of,
+    blocks_of,
+    curve,
+    keeps,
+    recording,
+)
+from sjerk import (
+    Axis,
+    AxisState,
+    EventKind,
+    Followed,
+    Limits,
+    MotionKernel,
+    MotionStoppedError,
+    PathState,
+    RefusedError,
+    Trajectory,
+    follow,
+)
+
+PLAN = blocks_of()
+SAMPLES = recording(PLAN)[0]
+CURVE = curve(SAMPLES)
+WAY = float(np.sqrt((np.diff(SAMPLES, axis=0) ** 2).sum(axis=1)).sum())
+
+
+def same_end(positions: np.ndarray, rows: int = 100) -> None:
+    """The last rows are those of the recording, bit for bit."""
+    end = int(np.flatnonzero((positions != positions[-1]).any(axis=1))[-1]) + 2
+    full = int(np.flatnonzero((SAMPLES[-1] != SAMPLES).any(axis=1))[-1]) + 2
+    np.testing.assert_array_equal(positions[end - rows : end], SAMPLES[full - rows : full])
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("period", [0.1, 0.002])
+def test_the_samples_are_those_of_the_plan_bit_for_bit(seed: int, period: float) -> None:
+    """Seven joints of the Panda, way-points at 0.1 s and at 2 ms, through the ring."""
+    blocks = blocks_of(seed, period)
+    expected, _ = recording(blocks)
+    bench = Bench(expected[0].tolist())
+    path = bench.play(iter(blocks))
+    positions = bench.run(path)
+    assert path.done
+    rows = positions[begin_of(positions) :]
+    np.testing.assert_array_equal(rows, expected[: len(rows)])
+    np.testing.assert_array_equal(rows[-1], expected[-1])
+
+
+def test_what_is_told_on_the_way() -> None:
+    """States, way-points and segments of the path; velocity to jerk are those of the plan."""
+    bench = Bench(SAMPLES[0].tolist())
+    path = bench.play(PLAN)
+    assert path.state is PathState.SENT
+    expected = PLAN[0].sample()
+    seen = []
+    while path.state not in ENDED:
+        bench.kernel.step()
+        bench.rows.append(bench.now())
+        seen.append(bench.host.feedback())
+    begin = begin_of(bench.positions) - 1  # rows are one ahead of the frames
+    ends = np.cumsum(PLAN[0].cycles)
+    for i in range(1, len(SAMPLES) - 1, 97):
+        frame = seen[begin + i]
+        assert {axis.state for axis in frame.axes} == {AxisState.SYNCHRONIZED_MOTION}
+        assert all(axis.moving and axis.goal_id == path.goal_id for axis in frame.axes)
+        assert frame.path.state is PathState.RUNS
+        assert frame.path.speed == 1.0
+        assert frame.path.point == int(np.searchsorted(ends, i, side="left")) + 1
+        assert frame.path.time == pytest.approx(
+            (i - (0, *ends)[frame.path.point - 1]) * T, abs=1e-12
+        )
+        for name in ("velocity", "acceleration", "jerk"):
+            told = [getattr(axis, name) for axis in frame.axes]
+            np.testing.assert_allclose(told, getattr(expected, name)[i], rtol=1e-12, atol=1e-12)
+    bench.kernel.step(2)
+    assert all(axis.state is AxisState.STANDSTILL for axis in bench.host.feedback().axes)
+    events = [event for event in bench.host.events()[0] if event.kind is EventKind.PATH]
+    assert [PathState(event.code) for event in events] == [PathState.RUNS, PathState.DONE]
+
+
+def stop_at(cycle: int, order: str) -> tuple[np.ndarray, Bench, PathState]:
+    """Positions from three cycles before an order until rest, all of them judged."""
+    bench = Bench(SAMPLES[0].tolist())
+    path = bench.play(PLAN)
+    while path.state is PathState.SENT:
+        bench.kernel.step()
+    bench.skip(path, max(cycle - 4, 1))
+    for _ in range(4):
+        bench.kernel.step()
+        bench.rows.append(bench.now())
+    if order == "halt":
+        bench.host.halt()
+    else:
+        getattr(path, order)()
+    rest = (*ENDED, PathState.PAUSED)
+    positions = bench.run(path, until=lambda: path.state in rest)
+    bench.kernel.step(10)
+    assert bench.now() == bench.rows[-1]
+    return positions, bench, path.state
+
+
+def judge_stop(positions: np.ndarray, cycle: int) -> None:
+    keeps(positions, PANDA)
+    places, gaps = along(CURVE, positions, 16 * cycle, 16 * 8)
+    assert gaps.max() < 1e-6 * WAY
+    assert np.diff(places).min() > -1e-6
+    whole = np.concatenate([positions, np.repeat(positions[-1:], 3, axis=0)])
+    keeps(whole, PANDA)  # rest, without a step
+
+
+@pytest.mark.parametrize("part", range(10))
+def test_cancel_at_random_moments_stops_on_the_path(part: int) -> None:
+    """A hundred moments: within 1e-6 of the way's length, all limits kept, never backward."""
+    rng = np.random.default_rng(part)
+    for cycle in rng.integers(5, len(SAMPLES) - 5, 10).tolist():
+        positions, bench, state = stop_at(cycle, "cancel")
+        judge_stop(positions, cycle)
+        assert state in (PathState.STOPPED, PathState.DONE)
+        bench.kernel.step(2)
+        assert all(axis.state is AxisState.STANDSTILL for axis in bench.host.feedback().axes)
+
+
+@pytest.mark.parametrize("cycle", [300, 1500, 2700])
+def test_a_halt_is_a_stop_on_the_path(cycle: int) -> None:
+    """Halt forgets the path, as cancel does; a goal may follow at once."""
+    positions, bench, state = stop_at(cycle, "halt")
+    judge_stop(positions, cycle)
+    assert state is PathState.STOPPED
+    move = bench.host.move(SAMPLES[0].tolist())
+    while not move.done:
+        bench.kernel.step(20)
+    assert bench.now() == SAMPLES[0].tolist()
+
+
+@settings(max_examples=15)
+@given(st.integers(5, len(SAMPLES) - 400), st.integers(1, 400), st.sampled_from(["pause", "hold"]))
+def test_after_a_pause_the_samples_are_those_of_the_plan(cycle: int, wait: int, order: str) -> None:
+    """Pause or hold anywhere, also before it rests: limits kept, on the path, then bit for bit."""
+    bench = Bench(SAMPLES[0].tolist())
+    path = bench.play(PLAN)
+    bench.run(path, until=lambda: len(bench.rows) > cycle)
+    if order == "pause":
+        path.pause()
+    else:
+        bench.host.hold()
+    count = len(bench.rows) + wait
+    bench.run(path, until=lambda: len(bench.rows) > count)
+    if order == "pause":
+        path.resume()
+    else:
+        bench.host.resume()
+    positions = bench.run(path)
+    assert path.done
+    recording_keeps(positions, PANDA)
+    places, gaps = along(CURVE, positions, 0, 16 * 8)
+    assert gaps.max() < 1e-6 * WAY
+    assert np.diff(places).min() > -1e-6
+    if wait + cycle < len(SAMPLES) - 2500:
+        same_end(positions)
+
+
+@settings(max_examples=15)
+@given(
+    st.lists(st.tuples(st.integers(1, 600), st.floats(0.0, 2.0)), min_size=1, max_size=6),
+)
+def test_any_speeds_keep_all_limits(changes: list[tuple[int, float]]) -> None:
+    """Speeds between 0 and 2 at any moments: limits kept, on the path, and it ends exactly."""
+    bench = Bench(SAMPLES[0].tolist())
+    path = bench.play(PLAN)
+    for wait, speed in changes:
+        path.speed(speed)
+        count = len(bench.rows) + wait
+        bench.run(path, until=lambda count=count: len(bench.rows) > count)  # type: ignore[misc]
+    if path.state not in ENDED:
+        path.speed(1.0)
+        bench.run(path)
+    positions = bench.positions
+    assert path.done
+    recording_keeps(positions, PANDA)
+    _, gaps = along(CURVE, positions, 0, 16 * 8)
+    assert gaps.max() < 1e-6 * WAY
+    np.testing.assert_array_equal(positions[-1], SAMPLES[-1])
+
+
+def test_a_path_in_a_process_is_fed_by_a_thread() -> None:
+    """Blocks from a generator, a kernel in its own process: done on the last way-point, told."""
+    way = Trajectory(["a", "b"], 0.01 * np.arange(1000), _wave(1000, 2, 0.01))
+    limits = [Limits(2.0, 20.0, 500.0)] * 2
+    with MotionKernel([Axis(limit, 1e6) for limit in limits], T) as kernel, kernel.host() as host:
+        host.enable()
+        host.move(way.position[0].tolist()).wait(10.0)
+        path = host.follow(follow(way, limits, T, block=256, lookahead=64))
+        path.speed(2.0)
+        path.wait(60.0)
+        assert path.done
+        assert host.feedback().axes[0].position == way.position[-1, 0]
+        assert path.progress.complete
+        again = host.follow(
+            follow(Trajectory(["a"], [0.0, 5.0], [[0.5], [1.0]]), limits[:1], T), axes=[1]
+        )
+        with pytest.raises(RefusedError, match="move there first"):
+            again.wait(10.0)
+        host.move([0.0, 0.0]).wait(10.0)
+        last = host.follow(follow(way, limits, T))
+        deadline = time.monotonic() + 20.0
+        while last.progress.point < 20 and time.monotonic() < deadline:
+            time.sleep(1e-3)
+        last.cancel()
+        with pytest.raises(MotionStoppedError):
+            last.wait(20.0)
+        assert last.state is PathState.STOPPED
+
+
+def _wave(n: int, joints: int, period: float, amplitude: float = 0.25) -> np.ndarray:
+    t = np.arange(n) * period
+    ease = np.sin(np.pi * np.arange(n) / (n - 1)) ** 4
+    return (
+        np.column_stack(
+            [amplitude * np.sin(2.0 * np.pi * (0.2 + 0.02 * k) * t + k) for k in range(joints)]
+        )
+        * ease[:, None]
+    )
+
+
+def test_a_source_that_fails_stops_the_path_and_is_raised() -> None:
+    """What the blocks raise later comes out of wait; the motion has come to rest on the path."""
+
+    def broken() -> Iterator[Followed]:
+        yield from itertools.islice(
+            follow(
+                Trajectory(["a"], 0.1 * np.arange(300), _wave(300, 1, 0.1)),
+                limits,
+                T,
+                block=40,
+                lookahead=20,
+            ),
+            2,
+        )
+        raise ValueError("no more")
+
+    limits = [Limits(2.0, 20.0, 500.0)]
+    with MotionKernel([Axis(limits[0], 1e6)], T) as kernel, kernel.host() as host:
+        host.enable()
+        path = host.follow(broken())
+        with pytest.raises(ValueError, match="no more"):
+            path.wait(60.0)
+        assert not host.feedback().moving
+
+
+@pytest.mark.parametrize("cycle", [200, 1500, 3000])
+def test_a_quick_stop_leaves_the_path_within_the_limits(cycle: int) -> None:
+    """Each axis by its own limits, from the commanded state: no step in jerk beyond them."""
+    bench = Bench(SAMPLES[0].tolist())
+    path = bench.play(PLAN)
+    bench.run(path, until=lambda: len(bench.rows) > cycle)
+    bench.host.quick_stop()
+    bench.run(path)
+    assert path.state is PathState.LEFT
+    for _ in range(1200):
+        bench.kernel.step()
+        bench.rows.append(bench.now())
+    recording_keeps(bench.positions, PANDA)
+    assert all(axis.state is AxisState.STANDSTILL for axis in bench.host.feedback().axes)
+
+
+@pytest.mark.parametrize("wait", [1, 3, 40, 200, 700])
+def test_a_quick_stop_during_a_pause(wait: int) -> None:
+    """Also while the speed on the path changes, the axes go on within their jerk limits."""
+    bench = Bench(SAMPLES[0].tolist())
+    path = bench.play(PLAN)
+    bench.run(path, until=lambda: len(bench.rows) > 1500)
+    path.pause()
+    count = len(bench.rows) + wait
+    bench.run(path, until=lambda: len(bench.rows) > count)
+    bench.host.quick_stop()
+    bench.run(path)
+    for _ in range(1200):
+        bench.kernel.step()
+        bench.rows.append(bench.now())
+    recording_keeps(bench.positions, PANDA)
+
+
+def test_a_goal_for_one_axis_takes_it_away() -> None:
+    """The axis goes to its goal from where it is; the others stop on their way."""
+    bench = Bench(SAMPLES[0].tolist())
+    path = bench.play(PLAN)
+    bench.run(path, until=lambda: len(bench.rows) > 1500)
+    move = bench.host.move({2: 0.0})
+    bench.run(path)
+    while not move.done:
+        bench.kernel.step()
+        bench.rows.append(bench.now())
+    positions = bench.positions
+    assert positions[-1, 2] == 0.0
+    recording_keeps(positions, PANDA)
+    rest = [0, 1, 3, 4, 5, 6]
+    _, gaps = along(CURVE[:, rest], positions[:, rest], 0, 16 * 8)
+    assert gaps.max() < 1e-6 * WAY
+    assert path.state is PathState.STOPPED
+
+
+def test_where_segments_do_not_come_it_stops_on_the_path_and_goes_on() -> None:
+    """Half of the path first: a stop on what is known, told; then the rest: bit for bit again."""
+    way = Trajectory(["a", "b"], 0.05 * np.arange(400), _wave(400, 2, 0.05, 0.5))
+    limits = [Limits(2.0, 20.0, 500.0)] * 2
+    blocks = list(follow(way, limits, T, block=100, lookahead=40))
+    expected, _ = recording(blocks)
+    more = False
+
+    def source() -> Iterator[Followed | None]:
+        yield from blocks[:2]
+        while not more:
+            yield None
+        yield from blocks[2:]
+
+    bench = Bench(expected[0].tolist(), limits)
+    path = bench.play(source())
+    bench.run(path, until=lambda: path.state is PathState.STARVES and path.progress.speed == 0.0)
+    stopped = len(bench.rows)
+    assert path.progress.point <= path.progress.fed == 199
+    more = True
+    positions = bench.run(path)
+    assert path.done
+    recording_keeps(positions, limits)
+    _, gaps = along(curve(expected), positions, 0, 16 * 8)
+    assert gaps.max() < 1e-6
+    np.testing.assert_array_equal(positions[-5000:], expected[len(expected) - 5000 :])
+    assert stopped > 5000
+    kinds = [PathState(e.code) for e in bench.host.events()[0] if e.kind is EventKind.PATH]
+    assert kinds == [PathState.RUNS, PathState.STARVES, PathState.RUNS, PathState.DONE]
