@@ -129,14 +129,13 @@ class Soak:
         self.ends[end] += 1
         storage.ready(path)
         kernel = MotionKernel(axes(), 1e-3, name=name)
-        with contextlib.ExitStack() as recorded:
-            with kernel:
-                recorder = recorded.enter_context(Recorder(name, path))
-                self.play(kernel, log, seconds)
-                pid = kernel._process.pid if kernel._process else 0
-                if end != "in order":
-                    os.kill(pid, signal.SIGKILL if end == "SIGKILL" else signal.SIGTERM)
-                    self.gone(kernel)
+        with contextlib.ExitStack() as recorded, kernel:
+            recorder = recorded.enter_context(Recorder(name, path))
+            self.play(kernel, log, seconds)
+            pid = kernel._process.pid if kernel._process else 0
+            if end != "in order":
+                os.kill(pid, signal.SIGKILL if end == "SIGKILL" else signal.SIGTERM)
+                self.gone(kernel)
         for child in self.hosts:
             child.join(30.0)
             if child.is_alive():

@@ -136,15 +136,20 @@ def _records(
     kind = record_dtype(len(recording.axes))
     records = np.ascontiguousarray(recording.records["data"]).view(kind)
     taken: dict[int, int] = {}
+    paths = set()
     for cycle, record in zip(recording.records["cycle"].tolist(), records, strict=True):
         number = int(record["goal_id"])
         if record["kind"] == lib.SJ_RECORD_SEGMENT:
             continue
         taken[number] = cycle
-        goals[number] = _goal(cycle, record["axis"]["goal"])
+        if record["kind"] == lib.SJ_RECORD_PATH:
+            paths.add(number)  # a segment of it may be refused later
+        elif record["kind"] == lib.SJ_RECORD_MOVE:
+            goals[number] = _goal(cycle, record["axis"]["goal"])
     for number, cycle in taken.items():
         found = answers.pop(number, [])
-        if len(found) > 1 or any(c < cycle for c, _ in found):
+        later = [] if number in paths else found[1:]
+        if later or any(c < cycle for c, _ in found):
             verdict.find("record with odd answers", f"goal {number} of cycle {cycle}: {found}")
         name = "queued" if found else "waiting at the end"
         verdict.goals[name] += 1
@@ -166,12 +171,16 @@ def _axis(
     counts = axis.counts_per_unit * axis.gear
     own, stop = _per_cycle(axis.limits, T), _per_cycle(axis.stop_limits or axis.limits, T)
     ulp = np.spacing(np.abs(q)) + 1e-300
+    # a path at another speed is judged by its positions: it has no jerk of its own
+    led = (rows["flags"] & lib.SJ_TRACE_LED) != 0
+    free = joined & ~led
+    free[1:] &= ~led[:-1]
 
     for x, rate, name in ((q, v, "position"), (v, a, "velocity"), (a, j, "acceleration")):
         expected = x[:-1] + (rate[1:] + rate[:-1]) / 2
         scale = own[NAMES.index(name)] if name in NAMES else own[0]
         most = SLACK * scale + (8 * ulp[1:] if name == "position" else 0.0)
-        for k in np.flatnonzero(joined[1:] & (np.abs(x[1:] - expected) > most)):
+        for k in np.flatnonzero(free[1:] & (np.abs(x[1:] - expected) > most)):
             verdict.find(
                 f"step of the {name}", f"axis {i}, cycle {cycle[k + 1]}: {x[k]!r} to {x[k + 1]!r}"
             )
@@ -247,6 +256,8 @@ def _allowed(
             fastest = max(limits[0], own[low:high, 0].max())
             limits[0] = min(limits[0] * max(override, 1.0), fastest)
             most = np.maximum(most, limits)
+        if (rows["flags"][low:high] & lib.SJ_TRACE_LED).any():
+            most = np.maximum(most, own[max(low - 1, 0) : high].max(axis=0))
         state = rows["state"][low:high]
         if (state == lib.SJ_AXIS_STOPPING).any() or (state == lib.SJ_AXIS_ERROR_STOP).any():
             most = np.maximum(most, stop)

@@ -11,7 +11,19 @@ import time
 from pathlib import Path
 from typing import Any
 
-from sjerk import Host, InputError, KernelGoneError, Limits, MoveState, RefusedError, SjerkError
+import numpy as np
+
+from sjerk import (
+    Host,
+    InputError,
+    KernelGoneError,
+    Limits,
+    MoveState,
+    PathState,
+    RefusedError,
+    SjerkError,
+    follow_path,
+)
 from sjerk.errors import HandshakeError, HostTakenError, SegmentMissingError
 from sjerk.profile import State
 
@@ -86,6 +98,21 @@ class Client:
             ask: dict[int, Any] = {i: self.goal(i) for i in chosen}
             self.moves.append(enqueue(ask))
 
+    def path(self) -> None:
+        """A short path from where its axes are, which must be at rest; sometimes at another speed."""
+        chosen = sorted(self.some()[:4])
+        frame = self.host.feedback()
+        if any(frame.axes[i].moving for i in chosen):
+            return
+        begin = np.array([frame.axes[i].position for i in chosen])
+        way = np.cumsum([[self.rng.uniform(-2.0, 2.0) for _ in chosen] for _ in range(8)], axis=0)
+        rows = np.vstack([begin, begin + way])
+        plan = follow_path(rows, [self.host._limits[i] for i in chosen], self.host._T)
+        path = self.host.follow(plan, axes=chosen)
+        self.moves.append(path)
+        if self.rng.random() < 0.5:
+            path.speed(self.rng.uniform(0.2, 1.5))
+
     def cancel(self) -> None:
         if self.moves:
             self.rng.choice(self.moves).cancel()
@@ -123,6 +150,7 @@ class Client:
 
     def turn(self, seconds: float) -> None:
         acts = [self.move] * 8 + [self.relative] * 2 + [self.jog] * 4 + [self.queue] * 4
+        acts += [self.path] * 4
         acts += [self.halt, self.quick_stop, self.override, self.hold, self.change, self.disable]
         acts += [self.resume] * 4 + [self.enable] * 3 + [self.cancel] + [self.fast_jog]
         end = time.monotonic() + seconds
@@ -155,10 +183,10 @@ class Client:
         left = []
         for move in self.moves:
             state = move.state
-            if state is MoveState.SENT:
+            if state in (MoveState.SENT, PathState.SENT):
                 left.append(move)
                 continue
-            self.write(goal=move._goal_id, state=state.value)
+            self.write(goal=getattr(move, "goal_id", 0) or move._goal_id, state=str(state.name))
         self.moves = left[-64:]
 
     def answered(self) -> None:
