@@ -3,9 +3,9 @@
 Run it with ``./run stress kernel [--minutes N]``. It goes in rounds: a real kernel process with a
 recorder from its first cycle to its last; three host processes that take turns and command at
 random; the one in charge is killed with SIGKILL at random moments. Some axes have drives that
-cannot follow what is asked and fault. A round ends in order, by SIGTERM or by SIGKILL of the kernel.
-Meanwhile another process judges the recordings of the rounds before (kernel_check.py) and replays
-each in virtual time, bit for bit. Exit status 0 if nothing was found.
+cannot follow what is asked and fault. A round ends in order, by SIGTERM or by SIGKILL of the
+kernel. Meanwhile another process judges the recordings of the rounds before (kernel_check.py) and
+replays each in virtual time, bit for bit. Exit status 0 if nothing was found.
 """
 
 from __future__ import annotations

@@ -6,8 +6,8 @@ What is judged per cycle and axis: the first three differences of the commanded 
 limits of the goals in execution; position, velocity and acceleration each continuing from the one
 before by the jerk of the cycle; targets the nearest increments; the command on the actual position
 while the drive does not follow; position limits. Per goal: one answer, in the cycle that took it.
-An episode is an axis' way from rest to rest: its limits are those of the goals of the episode, of the
-axis where a halt came, of the quick stop where one came.
+An episode is an axis' way from rest to rest: its limits are those of the goals of the episode, of
+the axis where a halt or a path came, of the quick stop where one came.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ class Verdict:
 
 
 def limits_matrix(raw: Any) -> NDArray[np.float64]:
-    """Velocity, acceleration, jerk (3,), the larger of both directions, from a ``sj_limits`` row."""
+    """Velocity, acceleration, jerk (3,) of a ``sj_limits`` row, the larger of both directions."""
     return np.array(
         [
             raw["velocity"],
@@ -248,7 +248,8 @@ def _allowed(
         part = slice(low, high + 3 if high < n else n)  # the differences reach back
         most = np.zeros(3)
         override = float(frames["override"][max(low - 1, 0) : high].max())
-        for number in np.unique(rows["goal_id"][low:high]).tolist():
+        # its first cycle is still of the one before
+        for number in np.unique(rows["goal_id"][min(low + 1, high - 1) : high]).tolist():
             goal = goals.get(number)
             if goal is None or not goal.chosen[i]:
                 continue

@@ -99,7 +99,7 @@ class Client:
             self.moves.append(enqueue(ask))
 
     def path(self) -> None:
-        """A short path from where its axes are, which must be at rest; sometimes at another speed."""
+        """A short path from where its axes rest; sometimes at another speed."""
         chosen = sorted(self.some()[:4])
         frame = self.host.feedback()
         if any(frame.axes[i].moving for i in chosen):
@@ -212,9 +212,8 @@ def play(name: str, seed: int, log: str) -> None:
             continue
         except (SegmentMissingError, KernelGoneError, TimeoutError):
             return
+        client = Client(host, rng, Path(log))
         try:
-            client = Client(host, rng, Path(log))
-            client.write(turn=True)
             client.turn(rng.uniform(0.3, 3.0))
             if rng.random() < 0.3:
                 client.attempt(client.halt)
@@ -222,6 +221,6 @@ def play(name: str, seed: int, log: str) -> None:
         except (KernelGoneError, HandshakeError):
             return
         except SjerkError as fault:
-            Path(log).open("a").write(json.dumps({"failed": repr(fault)}) + "\n")
+            client.write(failed=repr(fault))
             return
         time.sleep(rng.uniform(0.0, 0.3))
