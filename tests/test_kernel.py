@@ -88,6 +88,21 @@ def test_the_drive_gets_the_samples_of_the_profile() -> None:
     assert [a.target_counts for a in seen] == [round(a.position * COUNTS) for a in seen]
 
 
+def test_positions_is_a_live_view_of_what_is_commanded() -> None:
+    """Made once, never written by its reader, and refused where a process has the kernel."""
+    kernel, host = stepped(3)
+    view = kernel.positions
+    host.move([1.0, 2.0, 3.0])
+    for _ in range(50):
+        kernel.step()
+        assert view.tolist() == [axis.position for axis in host.feedback().axes]
+    assert kernel.positions is view
+    with pytest.raises(ValueError, match="read-only"):
+        view[0] = 1.0
+    with MotionKernel([AXIS], T) as other, pytest.raises(SjerkError, match="process"):
+        _ = other.positions
+
+
 def test_several_axes_take_a_goal_together_or_not_at_all() -> None:
     """If one axis refuses, none moves; else all arrive in the same cycle."""
     kernel, host = stepped(3)

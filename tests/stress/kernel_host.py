@@ -88,15 +88,16 @@ class Client:
         self.moves.append(self.host.jog({i: sign * self.host._limits[i].velocity}))
 
     def queue(self) -> None:
-        """Moves that wait for each other, where the host can do that."""
-        enqueue = getattr(self.host, "queue", None)
-        if enqueue is None:
-            self.move()
-            return
+        """Moves that wait for each other, or blend into one another."""
         chosen = self.some()
         for _ in range(self.rng.randrange(1, 6)):
+            kind = self.rng.choice(
+                ["buffered", "blend low", "blend previous", "blend next", "blend high"]
+            )
             ask: dict[int, Any] = {i: self.goal(i) for i in chosen}
-            self.moves.append(enqueue(ask))
+            self.moves.append(
+                self.host.move(ask, limits=self.lower(chosen), buffer=kind)  # type: ignore[arg-type]
+            )
 
     def path(self) -> None:
         """A short path from where its axes rest; sometimes at another speed."""
