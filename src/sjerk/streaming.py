@@ -114,7 +114,7 @@ class GoalStream:
         start: ArrayLike,
         *,
         period: float,
-        delay: int = 3,
+        delay: int = 4,
         margin: float = 0.0,
         stop_within: bool = False,
         joint_names: Sequence[str] | None = None,
@@ -185,6 +185,24 @@ class GoalStream:
     def end(self) -> None:
         """No goal comes any more: the motion ends at rest on the last one."""
         self._ended = self._stale = True
+
+    def rested(self, position: ArrayLike, cycle: int) -> None:
+        """Go on from rest elsewhere, in ``cycle``: what was handed out was not played to its end.
+
+        Counts as starved; the next goal is timed anew. Raises InputError.
+        """
+        self._knot = Knot.rest(self._row("position", position))
+        self._cycle = max(self._cycle, cycle)
+        self._units, self._held = [], np.empty(0, dtype=np.int64)
+        self._stale, self._starving, self._lag, self._pace = True, True, 0, 1.0
+        self._starved += 1
+        late = self._cycle + self._behind - (self._known[0].cycle if self._known else 0)
+        self._timed = bool(self._known)
+        self._known = [goal._replace(cycle=goal.cycle + late) for goal in self._known]
+        if self._known:
+            self._last = self._known[-1]
+            self._trail[-1] = self._last
+        self._begin = self._cycle
 
     # ---- what goes out
 
