@@ -64,7 +64,7 @@ class Record:
                 continue
             axis = feedback.axes[0]
             self._add(feedback.cycle, axis, axis.goal_id > before.goal_id)
-            if goal != end or axis.goal != end or not axis.settled:
+            if goal != end or axis.position != end or axis.moving:
                 still_since = None
             elif still_since is None:
                 still_since = time.monotonic()
