@@ -437,14 +437,18 @@ class GoalStream:
         return [_Unit(rows(chosen, i, i + 1), 1, True, i == last) for i in range(len(goals))]
 
     def _inside(self, made: Followed) -> bool:
-        """Whether the motion stays between its way-points, joint by joint, and in reach."""
+        """Whether the motion stays between the way-points of each segment, and in reach."""
         position = replace(made, first=1).sample().position
-        low, high, end = made.position.min(axis=0), made.position.max(axis=0), made.position[-1]
-        # where it turns on the way a smooth path goes a little further than its points
-        room = 0.25 * (high - low)
-        above = high + np.where(end == high, 0.0, room)
-        below = low - np.where(end == low, 0.0, room)
-        return bool(((position <= above) & (position >= below)).all()) and self._stays(made)
+        segment = np.repeat(np.arange(len(made)), made.cycles)
+        one, two = made.position[:-1], made.position[1:]
+        way = np.abs(two - one)
+        # where it turns a smooth path goes a little further than its points; not at the end
+        beside = np.vstack([way[:1], way, way[-1:]])
+        room = 0.5 * np.maximum(np.maximum(beside[:-2], beside[2:]), way)
+        room[-1] = 0.0
+        low, high = np.minimum(one, two) - room, np.maximum(one, two) + room
+        inside = (position >= low[segment]) & (position <= high[segment])
+        return bool(inside.all()) and self._stays(made)
 
     def _slowly(self, goals: Sequence[_Goal]) -> list[_Unit]:
         """To rest, on the last goal if the way there stays inside; then it can only be better."""
