@@ -1,6 +1,6 @@
 """A kernel as CANopen master in a process of its own, and its death: run in a bus of one's own.
 
-`canopen_kernel.py master GOAL OPTION` enables and moves, and tells lines of JSON. With `judge OPTION`
+`canopen_kernel.py master GOAL OPTION` enables, moves and tells lines of JSON. With `judge OPTION`
 it starts a drive process and a master process, kills the master in mid-motion, looks on what the
 drive does, starts the next master, and prints one JSON object of what was seen.
 """
