@@ -24,10 +24,12 @@ from sjerk import (
     MoveState,
     Reactions,
     SjerkError,
+    storage,
 )
 from sjerk._binding import lib
 from sjerk.host import Monitor
-from sjerk.recording import Recording
+from sjerk.recording import Recorder, Recording
+from sjerk.simulation import replay
 
 T = 1e-3
 COUNTS = 2**24 / 360.0
@@ -38,8 +40,9 @@ FOLLOWS = 0x1237
 class Loop:
     """A caller's own loop over external drives that are where they are told to be."""
 
-    def __init__(self, axes: int, **more: object) -> None:
+    def __init__(self, axes: int, record: Path | None = None, **more: object) -> None:
         self.kernel = MotionKernel([Axis(LIMITS, COUNTS, "external")] * axes, T, **more)  # type: ignore[arg-type]
+        self.recorder = Recorder(self.kernel, record).__enter__() if record else None
         self.host = self.kernel.host()
         self.silent: set[int] = set()
         self.kernel.image.inputs["statusword"] = FOLLOWS
@@ -99,6 +102,24 @@ def test_a_stale_image_is_a_lost_axis_and_the_others_stop_along_their_ramp() -> 
     again = loop.host.move([0.0, 0.0, 0.0])
     loop.step(4000)
     assert again.done
+
+
+def test_a_lost_axis_is_in_the_recording_and_comes_out_again(tmp_path: Path) -> None:
+    """Staleness is an input of the cycle as the image is: the replay is the same bit for bit."""
+    path = tmp_path / "lost.parquet"
+    storage.ready(path)
+    loop = Loop(2, path)
+    assert loop.recorder is not None
+    loop.host.move([60.0, 50.0])
+    loop.step(300)
+    loop.silent = {1}
+    loop.step(700)
+    loop.recorder.__exit__()
+    found = Recording.open(path)
+    assert [e.axis for e in found.events if e.kind is EventKind.SYNC] == [1]
+    done = replay(found)
+    assert done.cycles == len(found) == 1003
+    assert done.identical, done.difference
 
 
 @pytest.mark.parametrize(("reaction", "moves"), [("none", True), ("halt", False)])
