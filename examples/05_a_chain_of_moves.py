@@ -2,9 +2,9 @@
 
     python examples/05_a_chain_of_moves.py [picture.png]
 
-Four goals with velocities of their own, given at once to a kernel in this program's own loop. Buffered,
-each move begins where the one before has come to rest; a blend passes each goal, on its position to
-the last bit, at the lower or the higher of both velocities as far as the ways allow.
+Four goals with velocities of their own, given at once to a kernel in this program's own loop.
+Buffered, each move begins where the one before has come to rest; a blend passes each goal, exactly,
+at the lower or the higher of both velocities as far as the ways allow.
 """
 
 import sys
