@@ -639,6 +639,8 @@ void    sj_follow_begin(const sj_follow *s, const double *velocity, const double
                         const double *last_jerk);
 int32_t sj_follow_plan(const sj_follow *s);
 int32_t sj_follow_could_lose(const sj_follow *s, int64_t i);
+/* Solve for the cycles as they are; share (points): the largest use of any limit per segment. */
+void    sj_follow_shares(const sj_follow *s, double *share);
 void    sj_follow_read(const sj_follow *s, int64_t count, int64_t *length, double *jerk,
                        double *velocity, double *acceleration, double *last_jerk);
 /* The samples of `count` segments as read, without the first knot's; the number of rows. */
