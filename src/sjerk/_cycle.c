@@ -55,6 +55,7 @@ int32_t sj_kernel_axis(sj_kernel *kernel, int32_t axis, const sj_drive_config *d
     sj_axis *ax = &kernel->axis[axis];
     sj_axis_feedback *out = &kernel->feedback.axis[axis];
     ax->config = *config;
+    ax->ceiling = config->limits;
     if (config->ideal) {
         ax->drive = (sj_drive){.state = SJ_STATE_SWITCH_ON_DISABLED};
         ax->drive.config.period_s = kernel->feedback.cycle_time_s;
@@ -201,8 +202,10 @@ static void take_limits(sj_kernel *kernel, int32_t i, const sj_limits *limits)
             result = SJ_RESULT_PLAN;
     if (limits->velocity > ax->config.velocity_max * (1.0 + 1e-9))
         result = SJ_RESULT_SPEED;
-    if (result == SJ_RESULT_ACCEPTED)
+    if (result == SJ_RESULT_ACCEPTED) {
         ax->config.limits = *limits;
+        sj_goal_ceiling(ax);
+    }
     sj_cycle_tell(kernel, SJ_EVENT_LIMITS, i, result, 0.0);
 }
 

@@ -49,6 +49,10 @@ int32_t sj_goal_possible(const sj_axis *ax, const sj_axis_goal *goal);
 int32_t sj_goal_begin(sj_kernel *kernel, goal_set *set);
 /* The goal's limits under the override: never faster than the goal or the axis allows. */
 sj_limits sj_goal_limits(const sj_kernel *kernel, const sj_axis *ax, const sj_axis_goal *goal);
+/* For a plan from the state at hand: a jerk lower than that of the motion under way could carry it
+ * beyond the velocity of its axis before the acceleration is gone; then so much more of the axis' own
+ * as it takes. */
+sj_limits sj_goal_kept(const sj_axis *ax, const sj_limits *asked);
 /* Whether a plan stays within the position limits, or at least within where the axis is. */
 int32_t sj_goal_inside(const sj_axis *ax, const sj_axis_goal *goal, const sj_limits *limits,
                        const sj_plan *plan);
@@ -63,6 +67,8 @@ void sj_goal_take(sj_kernel *kernel, int32_t stopped);
 void sj_goal_again(sj_kernel *kernel);
 /* An axis that has reached its goal with a velocity goes on, and to rest at a position limit. */
 void sj_goal_reached(sj_kernel *kernel, int32_t axis);
+/* After a change of the axis' limits, and before a motion is planned. */
+void sj_goal_ceiling(sj_axis *ax);
 /* Stops of the axes of a set, from the commanded state. */
 void sj_goal_halt(sj_kernel *kernel, uint64_t axes);
 void sj_goal_quick_stop(sj_kernel *kernel, uint64_t axes);

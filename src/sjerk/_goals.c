@@ -4,7 +4,7 @@
  * brings each to rest as soon as its own stop limits allow. Override and hold plan the goals anew
  * under other velocities, so all limits hold throughout. Never here: drives, memory, time.
  */
-#include <math.h>   /* fabs, isfinite, sqrt */
+#include <math.h>   /* fabs, floor, isfinite, sqrt */
 #include <stddef.h>
 #include <stdint.h>
 #include <string.h> /* memcmp of limits */
@@ -40,6 +40,45 @@ double sj_goal_way(const sj_plan *plan, double v, double a, double *low, double 
         widen(way, low, high);
     }
     return way;
+}
+
+/* ---- limits that are lowered on the way ---- */
+
+static void raise(double *limit, double least)
+{
+    *limit = fmax(*limit, least);
+}
+
+/* At rest the limits of the axis; else the largest of them since then. */
+void sj_goal_ceiling(sj_axis *ax)
+{
+    const sj_limits *own = &ax->config.limits;
+    if (!axis_moving(ax)) {
+        ax->ceiling = *own;
+        return;
+    }
+    raise(&ax->ceiling.velocity, own->velocity);
+    raise(&ax->ceiling.acceleration, own->acceleration);
+    raise(&ax->ceiling.jerk, own->jerk);
+    raise(&ax->ceiling.deceleration, own->deceleration);
+    raise(&ax->ceiling.deceleration_jerk, own->deceleration_jerk);
+}
+
+/* In whole cycles n, v in the direction of a: v + n a / 2 <= V, jerk a / n. */
+sj_limits sj_goal_kept(const sj_axis *ax, const sj_limits *asked)
+{
+    continuous at = axis_commanded(ax);
+    double v = copysign(1.0, at.A.hi) * at.V.hi, a = fabs(at.A.hi), most, n;
+    sj_limits limits = *asked;
+    if (a == 0.0)
+        return limits;
+    most = fmax(ax->ceiling.jerk, ax->ceiling.deceleration_jerk);
+    n = floor(2.0 * (ax->ceiling.velocity - v) / a);
+    if (n >= 1.0)
+        most = fmin(most, a / n);
+    raise(&limits.jerk, most);
+    raise(&limits.deceleration_jerk, most);
+    return limits;
 }
 
 /* ---- stops ---- */
@@ -78,6 +117,7 @@ static void stretch(const sj_axis *ax, int64_t cycles, sj_plan *plan)
 {
     continuous at = axis_commanded(ax);
     double low, high, way = sj_goal_way(plan, at.V.hi, at.A.hi, &low, &high);
+    sj_limits limits = sj_goal_kept(ax, limits_of(ax));
     sj_plan longer;
     way *= (double)cycles / (double)(plan->cycles > 0 ? plan->cycles : 1);
     if (!ax->interpolator.goal_free) {
@@ -85,7 +125,7 @@ static void stretch(const sj_axis *ax, int64_t cycles, sj_plan *plan)
         if (left * way > 0.0 && fabs(way) > fabs(left))
             way = left;
     }
-    if (sj_plan_duration(way, at.V.hi, at.A.hi, 0.0, limits_of(ax), cycles, &longer) == SJ_PLAN_OK)
+    if (sj_plan_duration(way, at.V.hi, at.A.hi, 0.0, &limits, cycles, &longer) == SJ_PLAN_OK)
         *plan = longer;
 }
 
@@ -150,7 +190,7 @@ static void halt_together(sj_kernel *kernel, const int32_t *axes, int32_t n)
     int32_t rest = 1;
 
     for (int32_t i = 0; i < n; i++)
-        limits[i] = *limits_of(&kernel->axis[axes[i]]);
+        limits[i] = sj_goal_kept(&kernel->axis[axes[i]], limits_of(&kernel->axis[axes[i]]));
     if (plan_line(kernel, axes, n, limits, 1) != 0) {
         for (int32_t i = 0; i < n; i++) {
             if (plan_stop(&kernel->axis[axes[i]], &limits[i], &kernel->plan[i]) != SJ_PLAN_OK) {
@@ -217,6 +257,7 @@ void sj_goal_quick_stop(sj_kernel *kernel, uint64_t set)
     sj_path_leave(kernel, set);
     for (int32_t i = 0; i < kernel->axes; i++) {
         sj_axis *ax = &kernel->axis[i];
+        sj_limits limits;
         sj_plan plan;
         if ((set >> i & 1) == 0 || !ax->following)
             continue;
@@ -226,7 +267,8 @@ void sj_goal_quick_stop(sj_kernel *kernel, uint64_t set)
             ax->parked = 0;
             continue;
         }
-        if (plan_stop(ax, &ax->config.stop_limits, &plan) != SJ_PLAN_OK)
+        limits = sj_goal_kept(ax, &ax->config.stop_limits);
+        if (plan_stop(ax, &limits, &plan) != SJ_PLAN_OK)
             ax->drive_stop = 1;
         else if (!rests_within(ax, plan.cycles)) {
             load_stop(ax, &plan);
@@ -307,7 +349,7 @@ static int32_t plan_jog(const sj_kernel *kernel, const sj_axis *ax, const sj_axi
                         sj_plan *plan, sj_interpolator *trial)
 {
     continuous at = axis_commanded(ax);
-    sj_limits limits = sj_goal_limits(kernel, ax, goal);
+    sj_limits wanted = sj_goal_limits(kernel, ax, goal), limits = sj_goal_kept(ax, &wanted);
     double v = clamp(goal->goal_velocity * kernel->override, limits.velocity);
     double end = v > 0.0 ? ax->config.position_max : ax->config.position_min;
     int32_t status;
@@ -367,6 +409,7 @@ static int32_t plan_goals(sj_kernel *kernel, const int32_t *axes, const sj_axis_
         if (goals[i].kind != SJ_GOAL_ABSOLUTE)
             continue;
         limits[m] = sj_goal_limits(kernel, ax, &goals[i]);
+        limits[m] = sj_goal_kept(ax, &limits[m]);
         v = clamp(goals[i].goal_velocity, limits[m].velocity);
         request[m] = (sj_request){lemma_distance(&at, goals[i].goal, v), at.V.hi, at.A.hi, v};
         ways[i] = request[m].distance;
@@ -479,6 +522,7 @@ void sj_goal_take(sj_kernel *kernel, int32_t stopped)
         sj_axis_goal *goal = &set.goal[set.n];
         if (command->axis[i].goal.kind == SJ_GOAL_NONE)
             continue;
+        sj_goal_ceiling(ax);
         *goal = command->axis[i].goal;
         sj_path_hand_over(kernel, i);
         if (goal->kind == SJ_GOAL_RELATIVE) {

@@ -167,6 +167,7 @@ uint64_t sj_shm_begin_host(void *base, uint64_t pid, uint64_t now_ns); /* the ne
 void sj_shm_leave_host(void *base);     /* an orderly end, so that it is not taken for a death */
 void sj_shm_leave_kernel(void *base);
 int32_t sj_shm_kernel_left(const void *base);        /* 1: the last kernel ended in order */
+uint64_t sj_shm_host_left(const void *base);         /* the last host epoch that ended in order */
 uint64_t sj_shm_kernel_epoch(const void *base);
 uint64_t sj_shm_host_epoch(const void *base);
 uint64_t sj_shm_host_pid(const void *base);
@@ -1149,7 +1150,8 @@ enum sj_trace_flag {
     SJ_TRACE_SETTLED = 2,
     SJ_TRACE_FOLLOWS = 4,
     SJ_TRACE_PARKED = 8,
-    SJ_TRACE_DRIVE_STOP = 16
+    SJ_TRACE_DRIVE_STOP = 16,
+    SJ_TRACE_LED = 32                   /* by a path */
 };
 
 typedef struct {
@@ -1217,6 +1219,7 @@ typedef struct {
     sj_drive drive;
     sj_axis_config config;
     sj_axis_goal goal;                  /* in execution, or reached; absolute */
+    sj_limits ceiling;                  /* the largest of the axis since it last was at rest */
     double start;                       /* where the goal's motion began */
     double line;                        /* its share of a straight line, 0: not on one */
     int64_t actual_counts;              /* 6064h unwrapped */
@@ -1299,6 +1302,7 @@ typedef struct {
     int32_t pad;
     double override;
     uint64_t goal_id, late;
+    uint64_t host_epoch;                /* of the host seen last */
     uint64_t ring_seen, ring_published, ring_taken;     /* of this cycle */
     int32_t ring_status;
     int32_t reserved;
@@ -1336,7 +1340,8 @@ int32_t  sj_kernel_at_rest(const sj_kernel *kernel);    /* nothing moves, no dri
 
 uint64_t sj_trace_frame_bytes(int32_t axes);
 uint64_t sj_trace_item_bytes(int32_t axes);             /* of one event of the trace's segment */
-int32_t  sj_trace_host(sj_kernel *kernel, uint64_t now_ns);     /* as sj_shm_host_state */
+/* As sj_shm_host_state; DEAD for one cycle too where the next host came before it was noticed. */
+int32_t  sj_trace_host(sj_kernel *kernel, uint64_t now_ns);
 void     sj_trace_see(sj_kernel *kernel);               /* the ring's counters, at the begin */
 int32_t  sj_trace_collect(sj_kernel *kernel);           /* as sj_command_collect, into incoming */
 int32_t  sj_trace_take(sj_kernel *kernel, sj_record *record);   /* as sj_ring_take */

@@ -119,7 +119,9 @@ static void add_before(const sj_kernel *kernel, passage *p, int32_t axis)
     const sj_axis *ax = &kernel->axis[axis];
     p->axes[p->n] = axis;
     p->at[p->n] = axis_commanded(ax);
-    p->limits[p->n++] = sj_goal_limits(kernel, ax, &ax->goal);
+    p->limits[p->n] = sj_goal_limits(kernel, ax, &ax->goal);
+    p->limits[p->n] = sj_goal_kept(ax, &p->limits[p->n]);
+    p->n++;
 }
 
 static int32_t under_way(const sj_axis *ax)
