@@ -13,11 +13,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sjerk._binding import ffi, lib
-from sjerk.planning import Plans
+from sjerk.planning import _PLAN_DTYPE, Plans
 
 Array = NDArray[np.float64]
 WITHIN = 1.0 + 1e-9
-UNITS = {"radians": 1.0, "millimetres": 1e3, "increments": 2**24 / (2 * np.pi)}
+COARSE = "coarse"
+#: Scale of each unit to radians. In the coarse one a cycle is long: one cycle of jerk is 0.01 to
+#: 1000 times all acceleration, one of acceleration up to 30 times the velocity; most states lie at
+#: their limits.
+UNITS = {"radians": 1.0, "millimetres": 1e3, "increments": 2**24 / (2 * np.pi), COARSE: 1.0}
+#: Crossings of zero that are followed, each nearly six times nearer to the verdict.
+TURNS = 40
 KINDS = ("rest", "start", "target")
 
 
@@ -73,6 +79,116 @@ def draw(
     )
 
 
+def draw_coarse(
+    rng: np.random.Generator, n: int, kind: str, *, asymmetric: bool = False, T: float = 1e-3
+) -> Requests:
+    """Requests where a cycle is coarse; in continuous time the starts can keep their limits."""
+    parts: list[Requests] = []
+    while sum(map(len, parts)) < n:
+        m = n + 100
+
+        def ten(low: float, high: float, m: int = m) -> Array:
+            return 10.0 ** rng.uniform(low, high, m)
+
+        v = ten(-3, 6)
+        a = v * np.where(rng.uniform(size=m) < 0.3, ten(-4, 1.5), ten(-4, 0))
+        limits = np.column_stack([v, a, a * ten(-2, 3), a, a])
+        limits[:, 4] = limits[:, 2]
+        if asymmetric:
+            limits[:, 3:] *= 10.0 ** rng.uniform(-1, 1, (m, 2))
+        least_a, least_j = (np.minimum(limits[:, i], limits[:, i + 2]) for i in (1, 2))
+        side = rng.choice([-1.0, 1.0], m)
+        near = v * (1 - rng.choice([0.0, 1.0], m, p=[0.2, 0.8]) * ten(-8, 0))
+        A = side * least_a * rng.choice([0.0, 1.0, np.nan], m, p=[0.2, 0.3, 0.5])
+        A = np.where(np.isnan(A), side * least_a * rng.uniform(size=m), A)
+        V = np.select(
+            [rng.uniform(size=m) < p for p in (0.25, 0.35, 0.6)],
+            [rng.uniform(-1, 1, m) * v, side * near, side * near - A * rng.uniform(0.1, 0.6, m)],
+            side * near - A * np.abs(A) / (2 * least_j),
+        )
+        target_v = rng.choice([-1.0, 1.0], m) * np.where(
+            rng.uniform(size=m) < 0.5, near, v * rng.uniform(size=m)
+        )
+        if kind == "rest":
+            V, A = np.zeros(m), np.zeros(m)
+        start = np.column_stack([rng.normal(size=m) * v, (V - A / 2) / T, A / T**2])
+        target = np.column_stack(
+            [
+                start[:, 0] + rng.choice([-1.0, 1.0], m) * v * ten(-9, 5),
+                target_v / T if kind == "target" else np.zeros(m),
+            ]
+        )
+        inside = np.maximum(np.abs(V), np.abs(V + A * np.abs(A) / (2 * least_j))) <= v
+        limits = limits / np.array([T, T**2, T**3, T**2, T**3])
+        inside &= np.abs(target[:, 1]) <= limits[:, 0]
+        parts.append(Requests(start, target, limits).only(inside))
+    return Requests(
+        *(np.concatenate([getattr(p, f) for p in parts])[:n] for f in ("start", "target", "limits"))
+    )
+
+
+class Turning:
+    """What whole cycles can do about an acceleration that carries the velocity to its limit.
+
+    Arrays of states (V, A), in cycles, of motions whose limits lie as in `in_cycles`. The rule and
+    its proof: "What whole cycles can keep" in docs/explanation/planner.md.
+    """
+
+    def __init__(self, V: Array, A: Array, limits: Array, d: Array) -> None:
+        _, acc, jacc, dec, jdec = limits.T
+        up = d * A >= 0
+        jerk = np.where(up, jacc, jdec)
+        self.small = np.minimum(jacc, jdec)
+        self.ahead, self.beyond = np.where(up, acc, dec), np.where(up, dec, acc)
+        a, v = np.abs(A), np.where(A >= 0, V, -V)
+        full = np.floor(a / jerk)
+        self.left = a - full * jerk
+        self.v = v + full * (a - full * jerk / 2)
+
+    def keeps(self, w: Array) -> NDArray[np.bool_]:
+        """Whether legal cycles can keep the velocity within w until the acceleration ends.
+
+        Each crossing is the gentlest that keeps w.
+        """
+        v, a, beyond, ahead = self.v, self.left, self.beyond, self.ahead
+        kept = np.zeros(len(v), dtype=bool)
+        lost = np.zeros(len(v), dtype=bool)
+        for _ in range(TURNS):
+            kept |= ~lost & (v + a / 2 <= w)
+            room = np.where(kept | (v >= w), np.inf, w - v)
+            j = a * a / (2 * room)
+            lost |= ~kept & ((v >= w) | (j > self.small) | (j - a > beyond))
+            if (kept | lost).all():
+                break
+            v, a, beyond, ahead = j / 2 - a - v, j - a, ahead, beyond
+        return kept
+
+    def least(self) -> Array:
+        """The least velocity limit that at most one crossing keeps, by search."""
+        a, v = self.left, self.v
+        high = np.minimum(self.small, a + self.beyond)
+        crosses = (high > a) & (a > 0)
+        low, high = np.where(crosses, a, 1.0), np.where(crosses, high, 1.0)
+
+        def peak(j: Array) -> Array:
+            return np.maximum(v + a * a / (2 * j), j - v - 1.5 * a)
+
+        for _ in range(200):
+            one, two = low + (high - low) / 3, high - (high - low) / 3
+            lower = peak(one) < peak(two)
+            low, high = np.where(lower, low, one), np.where(lower, two, high)
+        landed = np.abs(v + a / 2)
+        return np.where(crosses, np.minimum(peak(low), landed), landed)
+
+
+def velocity_bound(V: Array, A: Array, limits: Array, d: Array) -> Array:
+    """The velocity that a plan from (V, A) may reach: its limit, or the excess none avoids."""
+    turning, vmax = Turning(V, A, limits, d), limits[:, 0]
+    least = np.maximum(np.maximum(vmax, np.abs(V)), turning.least())
+    kept = turning.keeps(vmax * (1 - 1e-9)) & (np.abs(V) <= vmax * (1 + 1e-9))
+    return np.where(kept, vmax, least)
+
+
 def in_cycles(r: Requests, T: float) -> tuple[Array, Array, Array, Array, Array, Array]:
     """h, V0, A0, v1 of the continuous motion, limits per cycle, direction of the move."""
     q, v, a = r.start[:, 0], r.start[:, 1] * T, r.start[:, 2] * T**2
@@ -84,18 +200,44 @@ def in_cycles(r: Requests, T: float) -> tuple[Array, Array, Array, Array, Array,
     return h, V0, A0, v1, limits, np.where(way < 0, -1.0, 1.0)
 
 
-def judge(r: Requests, plans: Plans, T: float) -> dict[str, Array]:
+def added(x: Array, y: Array) -> tuple[Array, Array]:
+    """The sum and what rounding takes from it (Knuth): long cruises multiply what is left of A."""
+    total = x + y
+    part = total - x
+    return total, (x - (total - part)) + (y - part)
+
+
+def lost_in_product(x: Array, y: Array) -> Array:
+    """What rounding takes from x * y (Dekker)."""
+
+    def split(z: Array) -> tuple[Array, Array]:
+        big = 134217729.0 * z
+        high = big - (big - z)
+        return high, z - high
+
+    (a, b), (c, d) = split(x), split(y)
+    lost: Array = ((a * c - x * y) + a * d + b * c) + b * d
+    return lost
+
+
+def judge(r: Requests, plans: Plans, T: float, *, change: bool = False) -> dict[str, Array]:
     """Largest use of each limit per plan (1 = at the limit), and how far the ends are off.
 
-    Velocity and acceleration at every node and, for the velocity, at zeros of the acceleration
-    inside phases. `position`, `velocity`: what is missing at the end, relative to way and limit.
+    The velocity is held against `velocity_bound`: the limit, of a start that can keep it.
+    Velocity and acceleration at every node; the velocity also where the acceleration is zero inside
+    phases.
+    `position`, `velocity`: what is missing at the end, relative to way and limit.
+    `change`: plans of a change of velocity, which end where they do.
     """
     h, V, A, v1, limits, d = in_cycles(r, T)
+    if change:
+        d = np.where(np.where(v1 != 0, v1, np.where(V != 0, V, A)) < 0, -1.0, 1.0)
     n = len(h)
     vmax, acc, jacc, dec, jdec = limits.T
-    P, V, A = np.zeros(n), V.copy(), A.copy()
+    P, V, A, A_low = np.zeros(n), V.copy(), A.copy(), np.zeros(n)
     worst = {name: np.zeros(n) for name in ("v", "a", "j")}
     path = np.abs(h).copy()
+    bound = velocity_bound(V, A, limits, d)
     total = np.zeros(n, dtype=np.int64)
     phases = plans.raw["phase"]
     for k in range(int(plans.phase_counts.max(initial=0))):
@@ -104,8 +246,9 @@ def judge(r: Requests, plans: Plans, T: float) -> dict[str, Array]:
         J = np.where(used, phases["jerk"][:, k], 0.0)
         total += cycles
         N = cycles.astype(np.float64)
-        A1 = A + N * J
-        A1 = np.where(np.abs(A1) <= 1e-13 * np.abs(N * J), 0.0, A1)
+        A1, lost = added(A, N * J)
+        A_low = A_low + lost + lost_in_product(N, J)
+        A1, A_low = added(A1, A_low)
         crossing = used & (A * A1 < 0)
         with np.errstate(divide="ignore", invalid="ignore"):
             peak = np.where(crossing, V - A * A / (2 * J), V)
@@ -121,14 +264,61 @@ def judge(r: Requests, plans: Plans, T: float) -> dict[str, Array]:
         worst["a"] = np.maximum(
             worst["a"], np.where(d * A1 > 0, np.abs(A1) / acc, np.abs(A1) / dec)
         )
-        worst["v"] = np.maximum(worst["v"], np.maximum(np.abs(peak), np.abs(V1)) / vmax)
+        worst["v"] = np.maximum(worst["v"], np.maximum(np.abs(peak), np.abs(V1)) / bound)
         path += N * np.maximum(np.abs(V), np.abs(V1))
         V, A = V1, A1
     assert np.array_equal(total, plans.cycles)
     worst["velocity"] = np.abs(V - v1) / vmax
     worst["acceleration"] = np.abs(A) / np.minimum(acc, dec)
-    worst["position"] = np.abs(P - h) / np.maximum(path, 1e-300)
+    if not change:
+        worst["position"] = np.abs(P - h) / np.maximum(path, 1e-300)
     return worst
+
+
+def _rows(r: Requests, T: float) -> tuple[Plans, Any, Any, list[list[float]]]:
+    """Room for plans, the C view of it and of the limits, and the requests in cycles."""
+    h, V, A, v1, limits, _ = in_cycles(r, T)
+    raw = np.zeros(len(h), dtype=_PLAN_DTYPE)
+    made = ffi.cast("sj_plan *", ffi.from_buffer(raw))
+    limits = np.ascontiguousarray(limits)
+    rows = np.column_stack([h, V, A, v1]).tolist()
+    return (
+        Plans(raw["cycles"], T, raw),
+        made,
+        (ffi.cast("sj_limits *", ffi.from_buffer(limits)), limits),
+        rows,
+    )
+
+
+def changes(r: Requests, T: float) -> Plans:
+    """Plans of changes of velocity from the states behind the requests."""
+    plans, made, (limits, _keep), rows = _rows(r, T)
+    for i, (_, v, a, v1) in enumerate(rows):
+        status = lib.sj_plan_velocity(v, a, v1, limits + i, made + i)
+        assert status == lib.SJ_PLAN_OK, (i, status, r.start[i], r.target[i], r.limits[i])
+    return plans
+
+
+def stretched(r: Requests, T: float, lengths: NDArray[np.int64]) -> Plans:
+    """Plans of given lengths, or of the next that works where the target moves."""
+    plans, made, (limits, _keep), rows = _rows(r, T)
+    for i, (row, length) in enumerate(zip(rows, lengths.tolist(), strict=True)):
+        status = lib.sj_plan_duration(*row, limits + i, length, made + i)
+        blocked = status == lib.SJ_PLAN_BLOCKED and row[3] != 0.0
+        assert status == lib.SJ_PLAN_OK or blocked, (i, status, row, r.limits[i])
+        cycles = int(plans.cycles[i])
+        assert cycles > length if blocked else cycles == length
+    return plans
+
+
+def together(r: Requests, T: float, axes: int) -> Plans:
+    """Plans of several axes each, of one length."""
+    plans, made, (limits, _keep), rows = _rows(r, T)
+    for i in range(0, len(rows), axes):
+        status = lib.sj_plan_together(axes, rows[i : i + axes], limits + i, 0, made + i)
+        assert status == lib.SJ_PLAN_OK, (i, status, rows[i : i + axes])
+        assert len(set(plans.cycles[i : i + axes].tolist())) == 1
+    return plans
 
 
 def lands(r: Requests, plans: Plans, T: float) -> Array:

@@ -80,6 +80,23 @@ def test_a_suspended_kernel_counts_what_it_missed_and_makes_no_burst() -> None:
     assert after.cycle - before.cycle + missed == pytest.approx(elapsed, abs=2.0)
 
 
+def test_the_report_of_some_cycles_leaves_out_those_before() -> None:
+    """Counts, percentiles and the worst are those of the cycles between two frames."""
+    with MotionKernel([AXIS], T) as kernel, kernel.host() as host:
+        host._wait_until(lambda frame: frame.cycle > 2, 30.0, "a period")
+        before = host.feedback()
+        lib.sj_histogram_add(ffi.addressof(before._frame.latency), 2**40)  # a worst long ago
+        host._wait_until(lambda frame: frame.cycle > before.cycle + 200, 30.0, "cycles")
+        after = host.feedback()
+    lib.sj_histogram_add(ffi.addressof(after._frame.latency), 2**40)
+    timing = after.timing_since(before)
+    assert timing.late == after.timing.late - before.timing.late
+    for row in (timing.latency, timing.period, timing.computing):
+        assert row.count == after.cycle - before.cycle
+        assert 0.0 < row.median <= row.p99 <= row.p999 <= row.worst
+    assert after.timing.latency.worst > 1000.0 > timing.latency.worst
+
+
 @pytest.mark.parametrize(
     ("field", "wish"),
     [

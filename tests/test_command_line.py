@@ -96,6 +96,9 @@ def test_a_person_runs_a_kernel_by_commands(tmp_path: Path) -> None:
         assert say("stop")[0] == 0
         code, after = say("report", "--seconds", "0.2")
         assert [row["of"] for row in after["times_us"]] == ["latency", "period", "computing"]
+        assert {row["count"] for row in after["times_us"]} == {after["cycles"]}
+        judged = after["cyclictest_us"]
+        assert judged == "not installed" or judged["count"] > 100
         assert say("disable")[0] == 0
         kernel.terminate()
         assert kernel.wait(timeout=60.0) == 0

@@ -57,6 +57,39 @@ def inside(state: State, limit: Limits, cycle_time: float) -> bool:
     return max(abs(v), abs(carried)) <= limit.velocity and abs(a) <= least_a
 
 
+def may_reach(
+    V: float, A: float, limit: Limits, cycle_time: float, forward: bool
+) -> tuple[float, bool]:
+    """The velocity that a motion from (V, A) may reach, and whether that is within its limits.
+
+    `forward`: the direction of the move, for unequal limits.
+    """
+    per_cycle = np.array(
+        [
+            limit.velocity * cycle_time,
+            limit.acceleration * cycle_time**2,
+            limit.jerk * cycle_time**3,
+            limit.braking[0] * cycle_time**2,
+            limit.braking[1] * cycle_time**3,
+        ]
+    )
+    state = (np.array([V * cycle_time]), np.array([A * cycle_time**2]))
+    d = np.array([1.0 if forward else -1.0])
+    bound = float(check.velocity_bound(*state, per_cycle[None, :], d)[0]) / cycle_time
+    least_a = limit.acceleration if (A > 0) == forward else limit.braking[0]
+    return bound, bound <= limit.velocity * (1 + 1e-12) and abs(A) <= least_a
+
+
+def goes_forward(profile: Profile, *, change: bool = False) -> bool:
+    """The direction of the move, by the sign of the first that is not zero."""
+    T_s, start, end = profile.cycle_time, profile.start, profile.end
+    V = start.velocity + start.acceleration * T_s / 2
+    way = (end.position - start.position) - (end.velocity + start.velocity) * T_s / 2
+    way += start.acceleration * T_s**2 / 12
+    signs = [end.velocity, V, start.acceleration]
+    return next((x > 0 for x in ([] if change else [way]) + signs if x), True)
+
+
 def state_at(sample: Sample, cycle_time: float) -> State:
     """The jerk-free sample with the same continuous motion behind it: what a kernel plans from."""
     P, V, A = (float(x) for x in sample.plan())
@@ -64,15 +97,21 @@ def state_at(sample: Sample, cycle_time: float) -> State:
     return State(P - v / 2 + A / 12, v / cycle_time, A / cycle_time**2)
 
 
-def legal(profile: Profile, limit: Limits) -> None:
-    """Every limit, at phase ends and inside phases; whole cycles; exact landing of the samples."""
+def legal(profile: Profile, limit: Limits, *, change: bool = False) -> None:
+    """Every limit, at phase ends and inside phases; whole cycles; exact landing of the samples.
+
+    The velocity may pass its limit by what no plan in whole cycles avoids, and no more.
+    """
     assert all(phase.cycles >= 1 for phase in profile.phases)
     most_a, most_j = (
         max(limit.acceleration, limit.braking[0]),
         max(limit.jerk, limit.braking[1]),
     )
+    start, forward = profile.start, goes_forward(profile, change=change)
+    V = start.velocity + start.acceleration * profile.cycle_time / 2
+    bound, _ = may_reach(V, start.acceleration, limit, profile.cycle_time, forward)
     for (peak, a, _), phase in zip(nodes(profile), profile.phases, strict=True):
-        assert peak <= limit.velocity * WITHIN
+        assert peak <= bound * WITHIN
         assert abs(a) <= most_a * WITHIN
         assert abs(phase.jerk) <= most_j * WITHIN
     if profile.cycles < 50_000:
@@ -168,20 +207,25 @@ def test_scaled_requests_give_scaled_plans(
 def test_starts_outside_the_limits_come_back_inside(
     request_: tuple[State, State, Limits, float], v_factor: float, a_factor: float
 ) -> None:
-    """Jerk keeps its limit, and once inside the limits the motion stays there."""
+    """Jerk keeps its limit, the velocity exceeds its own by no more than it must, and once inside
+    the limits the motion stays there.
+    """
     start, target, limit, cycle_time = request_
     start = State(start.position, start.velocity * v_factor, start.acceleration * a_factor)
     assume(abs(target.position - start.position) / (limit.velocity * cycle_time) < 1e9)
     profile = plan(start, target, limit, cycle_time)
     most_j = max(limit.jerk, limit.braking[1])
     most_a = max(limit.acceleration, limit.braking[0])
-    came_in = False
+    forward = goes_forward(profile)
+    V, A = start.velocity + start.acceleration * cycle_time / 2, start.acceleration
+    bound, came_in = may_reach(V, A, limit, cycle_time, forward)
     for (peak, a, v), phase in zip(nodes(profile), profile.phases, strict=True):
         assert abs(phase.jerk) <= most_j * WITHIN
+        assert peak <= max(abs(V), bound) * WITHIN
         if came_in:
             assert peak <= limit.velocity * WITHIN
             assert abs(a) <= most_a * WITHIN
-        came_in = came_in or inside(State(0.0, v - a * cycle_time / 2, a), limit, cycle_time)
+        came_in = came_in or may_reach(v, a, limit, cycle_time, forward)[1]
     samples = profile.sample() if profile.cycles < 20_000 else None
     assert samples is None or samples.position[-1] == target.position
 
@@ -246,6 +290,8 @@ def test_replanning_from_every_cycle_is_legal_and_never_much_later(
 ) -> None:
     """From each cycle of a plan: to the same target it ends no later than two cycles after the
     plan itself, to a new target it is legal; position, velocity and acceleration go on.
+
+    Not where the way left points back: then unequal limits change places.
     """
     rng = np.random.default_rng(seed)
     coarse = 5e-3
@@ -253,25 +299,23 @@ def test_replanning_from_every_cycle_is_legal_and_never_much_later(
     profile = plan(start, rng.uniform(-60, 60), limit, coarse)
     end = profile.end
     states = sample_states(profile)[:-1]
-    rest = [profile.cycles - k for k in range(len(states))]
-    later = []
+    later = {}
     for k, sample in enumerate(states):
-        now = state_at(sample, coarse)
+        now, left = state_at(sample, coarse), profile.cycles - k
         again = plan(now, end, limit, coarse)
-        later.append(again.cycles - rest[k])
+        if limit is ROBOT or goes_forward(again) == goes_forward(profile):
+            later[left] = again.cycles - left
         other = plan(now, end.position + rng.uniform(-50, 50), limit, coarse)
         assert other.sample().position[-1] == other.end.position
         stop = plan_velocity(now, 0.0, limit, coarse)
         if inside(now, limit, coarse):
-            for found in (again, other, stop):
+            for found in (again, other):
                 legal(found, limit)
-    # The state is rounded to doubles, so the rest of the plan itself is a hair out of reach; at the
-    # very end, where it has no freedom left, landing exactly takes up to four cycles more. Two
-    # jerks are planned with the smaller where they meet: later, but rarely.
-    assert np.percentile(later, 90) <= 2
-    if limit is ROBOT:
-        assert max(later[:-6]) <= 2
-        assert max(later) <= 4
+            legal(stop, limit, change=True)
+    # The state is rounded to doubles, so the rest of the plan itself is a hair out of reach; in the
+    # last cycle, where it has no freedom left, landing exactly takes up to four cycles more.
+    assert max(more for left, more in later.items() if left > 1) <= 2
+    assert max(later.values()) <= 4
 
 
 @pytest.mark.parametrize("factor", [0.9, 0.5, 0.1])
@@ -280,10 +324,11 @@ def test_limits_lowered_in_mid_motion_are_legal(factor: float) -> None:
     profile = plan(0.0, 160.0, ROBOT, T)
     low = Limits(90.0 * factor, 500.0 * factor, 5000.0)
     states = sample_states(profile)
-    for k in range(1, profile.cycles, 37):
+    for k in range(1, profile.cycles, 11):
         now = state_at(states[k], T)
-        if now.velocity - now.acceleration**2 / (2 * 5000.0) < 0.9:
-            continue  # almost at rest and still braking: it cannot but stop first
+        V, A = now.velocity + now.acceleration * T / 2, now.acceleration
+        if A < 0 and V - A**2 / (2 * 5000.0) < 5000.0 * T**2:
+            continue  # full jerk leaves less than a cycle of it: a cycle lost turns back
         slower = plan(now, 400.0, low, T)
         samples = slower.sample()
         assert samples.position[-1] == 400.0
@@ -298,7 +343,35 @@ def long_runs(config: pytest.Config) -> int:
     return int(config.getoption("--planner-states"))
 
 
-@pytest.mark.parametrize("asymmetric", [False, True], ids=["even", "uneven"])
+def drawn(
+    rng: np.random.Generator, n: int, unit: str, kind: str, *, asymmetric: bool
+) -> tuple[check.Requests, float]:
+    """Random requests in a unit, and their cycle time."""
+    if unit == check.COARSE:
+        cycle_time = float(rng.choice([1e-3, 2e-3, 5e-3, 1e-2]))
+        return check.draw_coarse(rng, n, kind, asymmetric=asymmetric, T=cycle_time), cycle_time
+    return check.draw(rng, n, kind, scale=check.UNITS[unit], asymmetric=asymmetric), T
+
+
+def worst_of(worst: dict[str, float], found: dict[str, check.Array], r: check.Requests) -> None:
+    """Within every limit and at the goal; keeps the largest figures."""
+    for name, values in found.items():
+        i = int(values.argmax())
+        worst[name] = max(worst.get(name, 0.0), float(values[i]))
+        bound = WITHIN if name in "vaj" else 1e-9
+        assert values[i] <= bound, (name, values[i], r.start[i], r.target[i], r.limits[i])
+
+
+def told(capsys: pytest.CaptureFixture[str], text: str) -> None:
+    """Progress and figures of a long run."""
+    with capsys.disabled():
+        sys.stderr.write(text)
+
+
+SYMMETRY = pytest.mark.parametrize("asymmetric", [False, True], ids=["even", "uneven"])
+
+
+@SYMMETRY
 @pytest.mark.parametrize("kind", check.KINDS)
 @pytest.mark.parametrize("unit", list(check.UNITS))
 def test_random_states_in_every_unit(
@@ -315,27 +388,56 @@ def test_random_states_in_every_unit(
     longest_ulps = 0.0
     while done < total:
         n = min(20_000, total - done)
-        r = check.draw(rng, n, kind, scale=check.UNITS[unit], asymmetric=asymmetric)
-        plans = plan_many(r.start, r.target, r.limits, T)
-        for name, values in check.judge(r, plans, T).items():
-            worst[name] = max(worst.get(name, 0.0), float(values.max()))
-            i = int(values.argmax())
-            bound = WITHIN if name in "vaj" else 1e-9
-            assert values[i] <= bound, (name, values[i], r.start[i], r.target[i], r.limits[i])
-        spread = np.abs(check.lands(r, plans, T))
-        way = np.abs(r.start[:, 0]) + np.abs(r.target[:, 0]) + plans.cycles * T * r.limits[:, 0]
+        r, cycle_time = drawn(rng, n, unit, kind, asymmetric=asymmetric)
+        plans = plan_many(r.start, r.target, r.limits, cycle_time)
+        worst_of(worst, check.judge(r, plans, cycle_time), r)
+        spread = np.abs(check.lands(r, plans, cycle_time))
+        per_cycle = r.limits[:, 0] * cycle_time + np.abs(plans.raw["phase"]["jerk"][:, 0])
+        way = np.abs(r.start[:, 0]) + np.abs(r.target[:, 0]) + plans.cycles * per_cycle
         longest_ulps = max(longest_ulps, float(np.max(spread / np.spacing(way))))
         done += n
         if total > 100_000:
-            with capsys.disabled():
-                sys.stderr.write(f"\r{unit} {kind} {(asymmetric and 'uneven') or 'even'}: {done}")
-    assert longest_ulps <= 64.0
+            told(capsys, f"\r{unit} {kind} {(asymmetric and 'uneven') or 'even'}: {done}")
+    # the furthest plans of a length are met to 2.5e-13 of the way; coarse cycles have few others
+    assert longest_ulps <= (2300.0 if unit == check.COARSE else 64.0)
     if total > 100_000:
-        with capsys.disabled():
-            figures = ", ".join(f"{name} {value:.12g}" for name, value in worst.items())
-            sys.stderr.write(
-                f" plans, 0 failures; worst {figures}; spread {longest_ulps:.1f} ulp\n"
-            )
+        figures = ", ".join(f"{name} {value:.12g}" for name, value in worst.items())
+        told(capsys, f" plans, 0 failures; worst {figures}; spread {longest_ulps:.1f} ulp\n")
+
+
+@SYMMETRY
+@pytest.mark.parametrize("what", ["velocity", "length", "together"])
+@pytest.mark.parametrize("unit", ["radians", check.COARSE])
+def test_random_states_in_every_way(
+    unit: str,
+    what: str,
+    asymmetric: bool,
+    pytestconfig: pytest.Config,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """The same for changes of velocity, plans of a given length, and axes of one length."""
+    total, done = long_runs(pytestconfig), 0
+    rng = np.random.default_rng(abs(hash_of(unit, what, asymmetric)))
+    worst: dict[str, float] = {}
+    while done < total:
+        n = min(20_000, total - done) // 4 * 4
+        kind = str(rng.choice(["start", "target"]))
+        r, cycle_time = drawn(rng, n, unit, kind, asymmetric=asymmetric)
+        if what == "velocity":
+            plans = check.changes(r, cycle_time)
+        elif what == "length":
+            shortest = plan_many(r.start, r.target, r.limits, cycle_time).cycles
+            more = 10.0 ** rng.uniform(0, 2, n) + shortest * rng.choice([0.0, 1.0], n)
+            plans = check.stretched(r, cycle_time, shortest + more.astype(np.int64))
+        else:
+            plans = check.together(r, cycle_time, 4)
+        worst_of(worst, check.judge(r, plans, cycle_time, change=what == "velocity"), r)
+        done += n
+        if total > 100_000:
+            told(capsys, f"\r{unit} {what} {(asymmetric and 'uneven') or 'even'}: {done}")
+    if total > 100_000:
+        figures = ", ".join(f"{name} {value:.12g}" for name, value in worst.items())
+        told(capsys, f" plans, 0 failures; worst {figures}\n")
 
 
 def hash_of(*parts: object) -> int:
@@ -468,19 +570,13 @@ def test_changes_of_velocity_end_as_asked(
     """plan_velocity: whole cycles, limits kept, settled at the velocity, at its own end."""
     start, _, limit, cycle_time = request_
     assume(inside(start, limit, cycle_time))
-    # coarser: one cycle of jerk is more than all acceleration, see docs/explanation/planner.md
-    coarse = max(limit.jerk, limit.braking[1]) * cycle_time > min(
-        limit.acceleration, limit.braking[0]
-    )
-    assume(not coarse or start.acceleration in (0.0, 625.0))
     profile = plan_velocity(start, share * limit.velocity, limit, cycle_time)
-    legal(profile, limit)
+    legal(profile, limit, change=True)
     assert profile.end.velocity == share * limit.velocity
 
 
-@pytest.mark.xfail(strict=True, reason="known fault: J T > A, docs/explanation/planner.md")
 def test_limits_hold_where_one_cycle_of_jerk_is_more_than_all_acceleration() -> None:
-    """A start that can keep its limits is planned within them, however long the cycle."""
+    """A start that can keep its limits in whole cycles does, however long the cycle."""
     limit = Limits(
         7.033655122556424,
         1150.61184175065,
@@ -489,21 +585,64 @@ def test_limits_hold_where_one_cycle_of_jerk_is_more_than_all_acceleration() -> 
         3140733.9682372203,
     )
     start = State(0.0, 5.958840402279902, 863.020749759082)
-    assert inside(start, limit, 2e-3)
+    V = start.velocity + start.acceleration * 1e-3
+    # forward it can brake hard enough to cross zero within the limit, backward it cannot
+    assert may_reach(V, start.acceleration, limit, 2e-3, True) == (limit.velocity, True)
+    assert may_reach(V, start.acceleration, limit, 2e-3, False)[0] > 1.005 * limit.velocity
     for target in (0.01, 0.1, 1.0, -0.1, -1.0):
         legal(plan(start, target, limit, 2e-3), limit)
-        legal(plan_velocity(start, 0.0, limit, 2e-3), limit)
+    legal(plan_velocity(start, 0.0, limit, 2e-3), limit, change=True)
+
+
+@SYMMETRY
+def test_no_sequence_of_cycles_keeps_what_the_judge_calls_unavoidable(asymmetric: bool) -> None:
+    """Of random legal sequences from starts said to exceed a limit, each one does.
+
+    And none that crosses zero once at most stays below the excess that the judge allows.
+    """
+    rng = np.random.default_rng(21)
+    r = check.draw_coarse(rng, 4000, "start", asymmetric=asymmetric, T=T)
+    _, V, A, _, limits, d = check.in_cycles(r, T)
+    bound = check.velocity_bound(V, A, limits, d)
+    over = bound > limits[:, 0] * (1 + 1e-6)
+    assert 100 < np.count_nonzero(over) < 2000
+    V, A, limits, d, bound = (x[over] for x in (V, A, limits, d, bound))
+    vmax, acc, jacc, dec, jdec = limits.T
+    for _ in range(300):
+        v, a, peak, crossings = V.copy(), A.copy(), np.abs(V), np.zeros(len(V))
+        for k in range(6):
+            up = d * a >= 0
+            jerk, here, there = (np.where(up, *x) for x in ((jacc, jdec), (acc, dec), (dec, acc)))
+            most = np.minimum(np.minimum(jacc, jdec), np.abs(a) + there)
+            gentle = a * a / (2 * np.maximum(bound - np.abs(v), 1e-9 * bound))
+            share = rng.choice([0.0, 1.0, 2.0, 3.0], len(v))
+            some = rng.uniform(-1, 1, len(v)) * np.maximum(jerk, most)
+            wanted = np.select([share == 0, share == 1, share == 2], [most, gentle, jerk], some)
+            wanted = np.where(np.abs(a) <= jerk, np.abs(a), jerk) if k == 5 else wanted
+            b = a - np.sign(a) * np.clip(wanted, -jerk, np.maximum(jerk, most))
+            crosses = a * b < 0
+            # across zero with the smaller jerk only; never beyond either acceleration limit
+            b = np.where(crosses, a - np.sign(a) * np.minimum(np.abs(b - a), most), b)
+            b = np.where(a * b < 0, b, np.clip(b, -here, here))
+            with np.errstate(divide="ignore", invalid="ignore"):
+                turn = np.where(a * b < 0, v + a * a / (2 * (a - b)), v)
+            crossings += a * b < 0
+            v, a = v + (a + b) / 2, b
+            peak = np.maximum(peak, np.maximum(np.abs(turn), np.abs(v)))
+        ended = a == 0
+        assert not np.any(ended & (peak <= vmax))
+        assert not np.any(ended & (crossings <= 1) & (peak < bound * (1 - 1e-9)))
 
 
 def test_a_stop_is_no_longer_than_the_plan_it_stops() -> None:
-    """While a move brakes, a stop takes about as long and ends within a cycle's way of its goal."""
+    """While a move brakes, a stop takes no longer and ends within a cycle's way of its goal."""
     profile = plan(0.0, 20.0, UNEVEN, T)
     states = sample_states(profile)
     braking = min(range(len(states)), key=lambda k: states[k].a) + 1
-    for k in range(braking, profile.cycles - 1, 7):
+    for k in range(braking, profile.cycles - 1):
         stop = plan_velocity(state_at(states[k], T), 0.0, UNEVEN, T)
-        assert stop.end.position <= 20.0 + 90.0 * T
-        assert stop.cycles <= profile.cycles - k + 3
+        assert stop.end.position <= 20.0 + float(states[k].v)
+        assert stop.cycles <= profile.cycles - k
 
 
 def test_position_range_refuses_targets_and_reports_ways() -> None:

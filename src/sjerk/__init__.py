@@ -8,9 +8,19 @@ from sjerk.errors import (
     KernelGoneError,
     MotionStoppedError,
     PlanError,
+    QueueFullError,
     RefusedError,
     SjerkError,
     SupersededError,
+)
+from sjerk.executor import (
+    GoalFeedback,
+    GoalHandle,
+    GoalStatus,
+    ResultCode,
+    Settings,
+    Tolerance,
+    TrajectoryExecutor,
 )
 from sjerk.feedback import (
     AxisFeedback,
@@ -30,6 +40,8 @@ from sjerk.profile import Extrema, Limits, Phase, Profile, Range, Samples, State
 from sjerk.recording import Gap, Recorder, Recording
 from sjerk.simulation import Difference, Replay, replay, simulate
 from sjerk.states import AxisState
+from sjerk.streaming import GoalStream, StreamReport
+from sjerk.thinning import Thinned, follow_within
 from sjerk.trajectory import ExecutionMode, Fault, FaultKind, Trajectory, TrajectoryError, resample
 
 __all__ = [
@@ -50,6 +62,10 @@ __all__ = [
     "Feedback",
     "Followed",
     "Gap",
+    "GoalFeedback",
+    "GoalHandle",
+    "GoalStatus",
+    "GoalStream",
     "Grant",
     "Host",
     "Image",
@@ -70,23 +86,31 @@ __all__ = [
     "Plans",
     "Profile",
     "Progress",
+    "QueueFullError",
     "Range",
     "Reactions",
     "Recorder",
     "Recording",
     "RefusedError",
     "Replay",
+    "ResultCode",
     "Samples",
     "Segment",
+    "Settings",
     "SjerkError",
     "State",
+    "StreamReport",
     "SupersededError",
+    "Thinned",
     "Timing",
+    "Tolerance",
     "Trajectory",
     "TrajectoryError",
+    "TrajectoryExecutor",
     "follow",
     "follow_path",
     "follow_stops",
+    "follow_within",
     "plan",
     "plan_many",
     "plan_velocity",

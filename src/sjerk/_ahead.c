@@ -32,12 +32,14 @@ void sj_ahead_see(sj_kernel *kernel)
 static void answer(sj_kernel *kernel, const sj_held *held, int32_t axis, int32_t result)
 {
     if (held->record.kind != SJ_RECORD_SEGMENT || result != SJ_RESULT_ACCEPTED)
-        sj_cycle_answer(kernel, held->record.goal_id, axis, result);
+        if (!held->spent)
+            sj_cycle_answer(kernel, held->record.goal_id, axis, result);
 }
 
+/* A segment's path has the answer. */
 static void drop(sj_kernel *kernel, const sj_held *held, int32_t result)
 {
-    if (held->record.kind != SJ_RECORD_SEGMENT)
+    if (held->record.kind != SJ_RECORD_SEGMENT && !held->spent)
         sj_cycle_answer(kernel, held->record.goal_id, -1, result);
 }
 
@@ -66,12 +68,16 @@ void sj_ahead_drop(sj_kernel *kernel, uint64_t axes, uint64_t first, uint64_t la
     if (axes == 0 || order.last < first)
         return;
     for (int32_t i = 0; i < ahead->count;) {
-        if (falls_under(&order, &ahead->held[ahead->order[i]])) {
-            drop(kernel, &ahead->held[ahead->order[i]], result);
-            forget(ahead, i);
-        } else {
+        sj_held *held = &ahead->held[ahead->order[i]];
+        if (!falls_under(&order, held)) {
             i++;
+            continue;
         }
+        drop(kernel, held, result);
+        if (sj_queue_drop(kernel, held))
+            i++;
+        else
+            forget(ahead, i);
     }
     if (order.last <= kernel->ring_taken)
         return; /* none of them is still in the ring */
@@ -121,6 +127,7 @@ static int32_t take(sj_kernel *kernel)
     sj_held *held = &ahead->held[ahead->order[ahead->count]];
     int32_t status = sj_trace_take(kernel, &held->record);
     const sj_drop *order;
+    int32_t result;
 
     if (status < 0) {
         if (!kernel->feedback.ring_spoilt) {
@@ -136,6 +143,11 @@ static int32_t take(sj_kernel *kernel)
         return 0;
     held->number = kernel->ring_taken;
     held->axes = axes_of(kernel, &held->record);
+    held->passing = 0;
+    held->share = 1.0;
+    held->spent = 0;
+    result = held->record.kind == SJ_RECORD_MOVE ? sj_queue_judge(kernel, held)
+                                                 : SJ_RESULT_ACCEPTED;
     order = dropped(ahead, held);
     if (order != NULL)
         drop(kernel, held, order->result);
@@ -143,6 +155,8 @@ static int32_t take(sj_kernel *kernel)
         drop(kernel, held, SJ_RESULT_STOPPED);
     else if (held->axes == 0)
         answer(kernel, held, -1, SJ_RESULT_KIND);
+    else if (result != SJ_RESULT_ACCEPTED)
+        answer(kernel, held, -1, result);
     else
         ahead->count++;
     return 1;
@@ -151,9 +165,11 @@ static int32_t take(sj_kernel *kernel)
 /* ---- whose turn it is ---- */
 
 /* Each room: OFFER_WAIT, OFFER_TAKEN, or -(enum sj_result). */
-static int32_t offer(sj_kernel *kernel, const sj_held *held)
+static int32_t offer(sj_kernel *kernel, sj_held *held)
 {
     switch (held->record.kind) {
+    case SJ_RECORD_MOVE:
+        return sj_queue_offer(kernel, held);
     case SJ_RECORD_PATH:
     case SJ_RECORD_SEGMENT:
         return sj_path_offer(kernel, held);
@@ -173,7 +189,7 @@ void sj_ahead_take(sj_kernel *kernel)
             break;
     }
     for (int32_t i = 0; i < ahead->count;) {
-        const sj_held *held = &ahead->held[ahead->order[i]];
+        sj_held *held = &ahead->held[ahead->order[i]];
         int32_t said = (held->axes & waiting) ? OFFER_WAIT : offer(kernel, held);
         if (said == OFFER_WAIT) {
             waiting |= held->axes;

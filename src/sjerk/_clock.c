@@ -175,6 +175,8 @@ void sj_clock_run(sj_kernel *kernel, const sj_clock_options *options, int32_t *e
         if (woken_before != 0)
             sj_histogram_add(&feedback->period, woken - woken_before);
         woken_before = woken;
+        if (sj_clock_now_ns() - deadline < period_ns / 2)
+            sj_goal_rehearse(kernel); /* a planner last used long ago takes twice as long */
         deadline += period_ns;
         done = sj_clock_now_ns();
         if (done >= deadline) {

@@ -22,6 +22,11 @@ uint64_t sj_feedback_bytes(int32_t axes)
     return offsetof(sj_feedback, axis) + (uint64_t)axes * sizeof(sj_axis_feedback);
 }
 
+uint64_t sj_feedback_times(void)
+{
+    return offsetof(sj_feedback, cycle);
+}
+
 /* 0, or -1: the number of axes is out of range. Then every axis must be set. */
 int32_t sj_kernel_init(sj_kernel *kernel, void *segment, int32_t axes, double cycle_time_s)
 {
@@ -50,6 +55,7 @@ int32_t sj_kernel_axis(sj_kernel *kernel, int32_t axis, const sj_drive_config *d
     sj_axis *ax = &kernel->axis[axis];
     sj_axis_feedback *out = &kernel->feedback.axis[axis];
     ax->config = *config;
+    ax->ceiling = config->limits;
     if (config->ideal) {
         ax->drive = (sj_drive){.state = SJ_STATE_SWITCH_ON_DISABLED};
         ax->drive.config.period_s = kernel->feedback.cycle_time_s;
@@ -101,6 +107,13 @@ void sj_cycle_answer(sj_kernel *kernel, uint64_t goal_id, int32_t axis, int32_t 
     sj_trace_event(kernel, &event);
 }
 
+void sj_cycle_reached(sj_kernel *kernel, uint64_t goal_id)
+{
+    sj_kernel_event event = {kernel->feedback.cycle + 1, kernel->feedback.time_ns, goal_id, 0.0,
+                             SJ_EVENT_REACHED, -1, 0, 0};
+    sj_trace_event(kernel, &event);
+}
+
 uint64_t sj_cycle_all(const sj_kernel *kernel)
 {
     return kernel->axes == 64 ? UINT64_MAX : (UINT64_C(1) << kernel->axes) - 1;
@@ -122,7 +135,7 @@ static void anchor(sj_axis *ax)
     sj_state actual = {(double)ax->actual_counts / ax->config.counts_per_unit, 0.0, 0.0};
     sj_interpolator_start(&ax->interpolator, &actual);
     ax->goal.kind = SJ_GOAL_NONE;
-    ax->parked = ax->reached = 0;
+    ax->parked = ax->reached = ax->onward = 0;
 }
 
 static void observe_homing(sj_kernel *kernel, int32_t i)
@@ -189,8 +202,10 @@ static void take_limits(sj_kernel *kernel, int32_t i, const sj_limits *limits)
             result = SJ_RESULT_PLAN;
     if (limits->velocity > ax->config.velocity_max * (1.0 + 1e-9))
         result = SJ_RESULT_SPEED;
-    if (result == SJ_RESULT_ACCEPTED)
+    if (result == SJ_RESULT_ACCEPTED) {
         ax->config.limits = *limits;
+        sj_goal_ceiling(ax);
+    }
     sj_cycle_tell(kernel, SJ_EVENT_LIMITS, i, result, 0.0);
 }
 
@@ -347,12 +362,18 @@ static void drive(sj_kernel *kernel, int32_t i)
         ax->reset--;
 }
 
+static void keep_peak(double *peak, double x)
+{
+    if (fabs(x) > *peak)
+        *peak = fabs(x);
+}
+
 /* The largest magnitudes need every cycle, whoever reads. */
 static void peaks(const sj_interpolator *ip, sj_axis_feedback *out)
 {
-    out->peak_velocity = fmax(out->peak_velocity, fabs(ip->v.hi));
-    out->peak_acceleration = fmax(out->peak_acceleration, fabs(ip->a.hi));
-    out->peak_jerk = fmax(out->peak_jerk, fabs(ip->j.hi));
+    keep_peak(&out->peak_velocity, ip->v.hi);
+    keep_peak(&out->peak_acceleration, ip->a.hi);
+    keep_peak(&out->peak_jerk, ip->j.hi);
 }
 
 static void report(const sj_kernel *kernel, int32_t i, sj_axis_feedback *out)
@@ -424,7 +445,13 @@ void sj_kernel_cycle(sj_kernel *kernel, uint64_t now_ns)
     kernel->feedback.hold = kernel->hold;
     kernel->feedback.kernel_epoch = sj_shm_kernel_epoch(kernel->segment);
     sj_shm_beat_kernel(kernel->segment, now_ns);
-    sj_feedback_publish(kernel->segment, &kernel->feedback);
+    sj_feedback_publish(kernel->segment,
+                        kernel->own_loop ? (const void *)&kernel->feedback.cycle : &kernel->feedback);
+}
+
+void sj_kernel_step(sj_kernel *kernel)
+{
+    sj_kernel_cycle(kernel, 0);
 }
 
 void sj_kernel_cycles(sj_kernel *kernel, int64_t cycles)

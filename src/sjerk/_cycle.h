@@ -1,11 +1,25 @@
 /* What the files of the cycle share: _cycle.c (top to bottom), _goals.c (goals and stops), _ahead.c
- * (what waits for its turn) and _path.c (the path in play). */
+ * (what waits for its turn), _queue.c with _passage.c (moves among it) and _path.c (the path in play). */
 #ifndef SJ_CYCLE_H
 #define SJ_CYCLE_H
+
+#include "_lemma.h" /* the continuous motion behind the commanded sample */
 
 static inline int32_t axis_moving(const sj_axis *ax)
 {
     return ax->interpolator.ahead > 0 || ax->interpolator.v.hi != 0.0;
+}
+
+static inline continuous axis_commanded(const sj_axis *ax)
+{
+    const sj_interpolator *ip = &ax->interpolator;
+    return lemma(ip->q, ip->v, ip->a, ip->j);
+}
+
+/* Motions wait on their way. */
+static inline int32_t goal_held(const sj_kernel *kernel)
+{
+    return kernel->hold || kernel->override == 0.0;
 }
 
 /* 0, or -1: refused in this state. Every change is told as an event. */
@@ -13,16 +27,48 @@ int32_t sj_cycle_trigger(sj_kernel *kernel, int32_t axis, int32_t trigger);
 void sj_cycle_tell(sj_kernel *kernel, int32_t kind, int32_t axis, int32_t code, double value);
 /* The one answer to a goal; axis: the one that refused, or -1. */
 void sj_cycle_answer(sj_kernel *kernel, uint64_t goal_id, int32_t axis, int32_t result);
+void sj_cycle_reached(sj_kernel *kernel, uint64_t goal_id);
 /* The reaction that is set for a cause, on a set of axes (bit n = axis n). */
 void sj_cycle_react(sj_kernel *kernel, int32_t cause, uint64_t axes);
 uint64_t sj_cycle_all(const sj_kernel *kernel);
 
+typedef struct {
+    uint64_t id;
+    int64_t least_cycles;
+    int32_t synchronization, n;
+    int32_t refused;                    /* axis, or -1 */
+    int32_t axes[64];
+    sj_axis_goal goal[64];              /* of axes[i] */
+} goal_set;
+
+/* enum sj_result: whether an axis can have this goal in its state. */
+int32_t sj_goal_judge(const sj_axis *ax, const sj_axis_goal *goal);
+/* The same of its numbers alone. */
+int32_t sj_goal_possible(const sj_axis *ax, const sj_axis_goal *goal);
+/* Plans and takes over a goal that was judged, for all its axes or for none: enum sj_result. */
+int32_t sj_goal_begin(sj_kernel *kernel, goal_set *set);
+/* The goal's limits under the override: never faster than the goal or the axis allows. */
+sj_limits sj_goal_limits(const sj_kernel *kernel, const sj_axis *ax, const sj_axis_goal *goal);
+/* For a plan from the state at hand: a jerk lower than that of the motion under way could carry it
+ * beyond the velocity of its axis before the acceleration is gone; then so much more of the axis' own
+ * as it takes. */
+sj_limits sj_goal_kept(const sj_axis *ax, const sj_limits *asked);
+/* Whether a plan stays within the position limits, or at least within where the axis is. */
+int32_t sj_goal_inside(const sj_axis *ax, const sj_axis_goal *goal, const sj_limits *limits,
+                       const sj_plan *plan);
+/* As sj_plan_axes; a steady start above the velocity limits runs down to them first. */
+int32_t sj_passage_plan(int32_t n, const sj_request *request, const sj_limits *limits,
+                        int64_t least_cycles, int32_t *synchronization, sj_plan *plans);
+/* The way of a plan from (v, a), and between which bounds it stays. */
+double sj_goal_way(const sj_plan *plan, double v, double a, double *low, double *high);
 /* A goal for all its axes or for none; stopped: it came with a stop. */
 void sj_goal_take(sj_kernel *kernel, int32_t stopped);
 /* The goals in execution anew, after a change of override or hold. */
 void sj_goal_again(sj_kernel *kernel);
 /* An axis that has reached its goal with a velocity goes on, and to rest at a position limit. */
 void sj_goal_reached(sj_kernel *kernel, int32_t axis);
+/* After a change of the axis' limits, and before a motion is planned. */
+void sj_goal_ceiling(sj_axis *ax);
 /* Stops of the axes of a set, from the commanded state. */
 void sj_goal_halt(sj_kernel *kernel, uint64_t axes);
 void sj_goal_quick_stop(sj_kernel *kernel, uint64_t axes);
@@ -48,7 +94,16 @@ void sj_path_leave(sj_kernel *kernel, uint64_t axes);
 void sj_path_hand_over(sj_kernel *kernel, int32_t axis);
 void sj_path_release(sj_kernel *kernel, uint64_t axes);
 
-/* What a room says to a record: wait, consumed, or refused with -(enum sj_result). */
+/* What a room says to a record: wait, begun, or refused with -(enum sj_result). */
 enum { OFFER_WAIT = 0, OFFER_TAKEN = 1 };
+
+/* enum sj_result: whether a move that has just come can ever be begun. */
+int32_t sj_queue_judge(const sj_kernel *kernel, const sj_held *held);
+/* It is its turn: begun if its axes are free; else the move before may be told to pass its goal. */
+int32_t sj_queue_offer(sj_kernel *kernel, sj_held *held);
+/* The moves of these axes are not to pass their goal but to rest on it. 0: too late, they pass. */
+int32_t sj_queue_release(sj_kernel *kernel, const int32_t *axes, int32_t n);
+/* A move that is not to be begun. 1: it must be, since the one before passes its goal for it. */
+int32_t sj_queue_drop(sj_kernel *kernel, sj_held *held);
 
 #endif

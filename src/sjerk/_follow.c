@@ -278,8 +278,8 @@ static int fits(const sj_follow *s, int64_t i, double room)
     return 1;
 }
 
-/* How far segment i exceeds its limits, as a factor of its time. */
-static double excess(const sj_follow *s, int64_t i)
+/* Largest use of the limits in segment i, as shares; or as what its time must be multiplied with. */
+static double used(const sj_follow *s, int64_t i, int as_time)
 {
     const double *row = row_of(s, i);
     double worst = 0.0;
@@ -298,7 +298,8 @@ static double excess(const sj_follow *s, int64_t i)
             a = larger(a, fabs(A));
             j = larger(j, fabs(J));
         }
-        u = larger(v / vmax, larger(sqrt(a / amax), cbrt(j / jmax)));
+        u = as_time ? larger(v / vmax, larger(sqrt(a / amax), cbrt(j / jmax)))
+                    : larger(v / vmax, larger(a / amax, j / jmax));
         if (!isfinite(u)) return u;
         worst = larger(worst, u);
     }
@@ -377,7 +378,7 @@ static int32_t stretch(const sj_follow *s, double room)
             if (row_of(s, i)[MARK] != 1.0) continue;
             row_of(s, i)[MARK] = 0.0;
             if (fits(s, i, room)) continue;
-            u = excess(s, i);
+            u = used(s, i, 1);
             if (!isfinite(u)) return SJ_FOLLOW_INVALID;
             u = u > 1.5 ? 1.5 : u;
             /* a segment much shorter than its neighbour sets the neighbour's velocity */
@@ -438,6 +439,13 @@ int32_t sj_follow_plan(const sj_follow *s)
         if (!any) return SJ_FOLLOW_OK;
     }
     return stretch(s, WITHIN);
+}
+
+void sj_follow_shares(const sj_follow *s, double *share)
+{
+    solve(s, 1, s->points - 1, REACH);
+    share[0] = 0.0;
+    for (int64_t i = 1; i < s->points; i++) share[i] = used(s, i, 0);
 }
 
 /* Whether segment i could be a cycle shorter with the others fixed; nothing changes. */

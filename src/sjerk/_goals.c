@@ -4,7 +4,7 @@
  * brings each to rest as soon as its own stop limits allow. Override and hold plan the goals anew
  * under other velocities, so all limits hold throughout. Never here: drives, memory, time.
  */
-#include <math.h>   /* fabs, isfinite, sqrt */
+#include <math.h>   /* fabs, floor, isfinite, sqrt */
 #include <stddef.h>
 #include <stdint.h>
 #include <string.h> /* memcmp of limits */
@@ -13,20 +13,13 @@
 #include "_exact.h" /* double-double sums */
 #include "_lemma.h" /* from samples to the continuous motion and back */
 
-static continuous commanded(const sj_axis *ax)
-{
-    const sj_interpolator *ip = &ax->interpolator;
-    return lemma(ip->q, ip->v, ip->a, ip->j);
-}
-
 static void widen(double way, double *low, double *high)
 {
     *low = fmin(*low, way);
     *high = fmax(*high, way);
 }
 
-/* The way of a plan from (v, a), and between which bounds it stays. */
-static double way_of(const sj_plan *plan, double v, double a, double *low, double *high)
+double sj_goal_way(const sj_plan *plan, double v, double a, double *low, double *high)
 {
     double way = 0.0;
     *low = *high = 0.0;
@@ -49,17 +42,56 @@ static double way_of(const sj_plan *plan, double v, double a, double *low, doubl
     return way;
 }
 
+/* ---- limits that are lowered on the way ---- */
+
+static void raise(double *limit, double least)
+{
+    *limit = fmax(*limit, least);
+}
+
+/* At rest the limits of the axis; else the largest of them since then. */
+void sj_goal_ceiling(sj_axis *ax)
+{
+    const sj_limits *own = &ax->config.limits;
+    if (!axis_moving(ax)) {
+        ax->ceiling = *own;
+        return;
+    }
+    raise(&ax->ceiling.velocity, own->velocity);
+    raise(&ax->ceiling.acceleration, own->acceleration);
+    raise(&ax->ceiling.jerk, own->jerk);
+    raise(&ax->ceiling.deceleration, own->deceleration);
+    raise(&ax->ceiling.deceleration_jerk, own->deceleration_jerk);
+}
+
+/* In whole cycles n, v in the direction of a: v + n a / 2 <= V, jerk a / n. */
+sj_limits sj_goal_kept(const sj_axis *ax, const sj_limits *asked)
+{
+    continuous at = axis_commanded(ax);
+    double v = copysign(1.0, at.A.hi) * at.V.hi, a = fabs(at.A.hi), most, n;
+    sj_limits limits = *asked;
+    if (a == 0.0)
+        return limits;
+    most = fmax(ax->ceiling.jerk, ax->ceiling.deceleration_jerk);
+    n = floor(2.0 * (ax->ceiling.velocity - v) / a);
+    if (n >= 1.0)
+        most = fmin(most, a / n);
+    raise(&limits.jerk, most);
+    raise(&limits.deceleration_jerk, most);
+    return limits;
+}
+
 /* ---- stops ---- */
 
 static void give_up(sj_axis *ax)
 {
     ax->goal.kind = SJ_GOAL_NONE; /* the same goal again is a new motion */
-    ax->parked = ax->reached = 0;
+    ax->parked = ax->reached = ax->onward = 0;
 }
 
 static int32_t plan_stop(const sj_axis *ax, const sj_limits *limits, sj_plan *plan)
 {
-    continuous at = commanded(ax);
+    continuous at = axis_commanded(ax);
     return sj_plan_velocity(at.V.hi, at.A.hi, 0.0, limits, plan);
 }
 
@@ -83,8 +115,9 @@ static const sj_limits *limits_of(const sj_axis *ax)
 /* The same stop in exactly so many cycles where that works, and not beyond the goal. */
 static void stretch(const sj_axis *ax, int64_t cycles, sj_plan *plan)
 {
-    continuous at = commanded(ax);
-    double low, high, way = way_of(plan, at.V.hi, at.A.hi, &low, &high);
+    continuous at = axis_commanded(ax);
+    double low, high, way = sj_goal_way(plan, at.V.hi, at.A.hi, &low, &high);
+    sj_limits limits = sj_goal_kept(ax, limits_of(ax));
     sj_plan longer;
     way *= (double)cycles / (double)(plan->cycles > 0 ? plan->cycles : 1);
     if (!ax->interpolator.goal_free) {
@@ -92,7 +125,7 @@ static void stretch(const sj_axis *ax, int64_t cycles, sj_plan *plan)
         if (left * way > 0.0 && fabs(way) > fabs(left))
             way = left;
     }
-    if (sj_plan_duration(way, at.V.hi, at.A.hi, 0.0, limits_of(ax), cycles, &longer) == SJ_PLAN_OK)
+    if (sj_plan_duration(way, at.V.hi, at.A.hi, 0.0, &limits, cycles, &longer) == SJ_PLAN_OK)
         *plan = longer;
 }
 
@@ -125,7 +158,7 @@ static int32_t plan_line(sj_kernel *kernel, const int32_t *axes, int32_t n,
 {
     int32_t leader = leader_of(kernel, axes, n), status;
     const sj_axis *ax = &kernel->axis[leader < 0 ? 0 : leader];
-    continuous at = commanded(ax);
+    continuous at = axis_commanded(ax);
     sj_limits own = {INFINITY, INFINITY, INFINITY, INFINITY, INFINITY};
     sj_plan plan;
 
@@ -157,7 +190,7 @@ static void halt_together(sj_kernel *kernel, const int32_t *axes, int32_t n)
     int32_t rest = 1;
 
     for (int32_t i = 0; i < n; i++)
-        limits[i] = *limits_of(&kernel->axis[axes[i]]);
+        limits[i] = sj_goal_kept(&kernel->axis[axes[i]], limits_of(&kernel->axis[axes[i]]));
     if (plan_line(kernel, axes, n, limits, 1) != 0) {
         for (int32_t i = 0; i < n; i++) {
             if (plan_stop(&kernel->axis[axes[i]], &limits[i], &kernel->plan[i]) != SJ_PLAN_OK) {
@@ -224,6 +257,7 @@ void sj_goal_quick_stop(sj_kernel *kernel, uint64_t set)
     sj_path_leave(kernel, set);
     for (int32_t i = 0; i < kernel->axes; i++) {
         sj_axis *ax = &kernel->axis[i];
+        sj_limits limits;
         sj_plan plan;
         if ((set >> i & 1) == 0 || !ax->following)
             continue;
@@ -233,7 +267,8 @@ void sj_goal_quick_stop(sj_kernel *kernel, uint64_t set)
             ax->parked = 0;
             continue;
         }
-        if (plan_stop(ax, &ax->config.stop_limits, &plan) != SJ_PLAN_OK)
+        limits = sj_goal_kept(ax, &ax->config.stop_limits);
+        if (plan_stop(ax, &limits, &plan) != SJ_PLAN_OK)
             ax->drive_stop = 1;
         else if (!rests_within(ax, plan.cycles)) {
             load_stop(ax, &plan);
@@ -263,17 +298,9 @@ static int32_t within(const sj_limits *asked, const sj_limits *own)
            asked->deceleration_jerk <= own->deceleration_jerk * slack;
 }
 
-static int32_t judge(const sj_axis *ax, const sj_axis_goal *goal)
+int32_t sj_goal_possible(const sj_axis *ax, const sj_axis_goal *goal)
 {
     const sj_axis_config *config = &ax->config;
-    if (goal->kind < SJ_GOAL_ABSOLUTE || goal->kind > SJ_GOAL_HOME)
-        return SJ_RESULT_RANGE;
-    if (sj_axis_next(ax->state, trigger_of(goal)) < 0)
-        return ax->following || ax->error || ax->homing ? SJ_RESULT_STATE : SJ_RESULT_NOT_FOLLOWING;
-    if (!ax->following || !ax->enable)
-        return SJ_RESULT_NOT_FOLLOWING;
-    if (goal->kind == SJ_GOAL_HOME)
-        return SJ_RESULT_ACCEPTED;
     if (!within(&goal->limits, &config->limits))
         return SJ_RESULT_LIMITS;
     /* beyond 2^52 increments a double no longer tells two of them apart */
@@ -287,14 +314,24 @@ static int32_t judge(const sj_axis *ax, const sj_axis_goal *goal)
     return SJ_RESULT_ACCEPTED;
 }
 
+int32_t sj_goal_judge(const sj_axis *ax, const sj_axis_goal *goal)
+{
+    if (goal->kind < SJ_GOAL_ABSOLUTE || goal->kind > SJ_GOAL_HOME)
+        return SJ_RESULT_RANGE;
+    if (sj_axis_next(ax->state, trigger_of(goal)) < 0)
+        return ax->following || ax->error || ax->homing ? SJ_RESULT_STATE : SJ_RESULT_NOT_FOLLOWING;
+    if (!ax->following || !ax->enable)
+        return SJ_RESULT_NOT_FOLLOWING;
+    return goal->kind == SJ_GOAL_HOME ? SJ_RESULT_ACCEPTED : sj_goal_possible(ax, goal);
+}
+
 static int32_t same_goal(const sj_axis_goal *x, const sj_axis_goal *y)
 {
     return x->kind == y->kind && x->goal == y->goal && x->goal_velocity == y->goal_velocity &&
            memcmp(&x->limits, &y->limits, sizeof x->limits) == 0;
 }
 
-/* The goal's limits under the override: never faster than the goal or the axis allows. */
-static sj_limits overridden(const sj_kernel *kernel, const sj_axis *ax, const sj_axis_goal *goal)
+sj_limits sj_goal_limits(const sj_kernel *kernel, const sj_axis *ax, const sj_axis_goal *goal)
 {
     sj_limits limits = goal->limits;
     double most = fmax(limits.velocity, ax->config.limits.velocity);
@@ -311,8 +348,8 @@ static double clamp(double x, double most)
 static int32_t plan_jog(const sj_kernel *kernel, const sj_axis *ax, const sj_axis_goal *goal,
                         sj_plan *plan, sj_interpolator *trial)
 {
-    continuous at = commanded(ax);
-    sj_limits limits = overridden(kernel, ax, goal);
+    continuous at = axis_commanded(ax);
+    sj_limits wanted = sj_goal_limits(kernel, ax, goal), limits = sj_goal_kept(ax, &wanted);
     double v = clamp(goal->goal_velocity * kernel->override, limits.velocity);
     double end = v > 0.0 ? ax->config.position_max : ax->config.position_min;
     int32_t status;
@@ -332,23 +369,22 @@ static int32_t plan_jog(const sj_kernel *kernel, const sj_axis *ax, const sj_axi
     return SJ_RESULT_ACCEPTED;
 }
 
-/* Whether a plan stays within the position limits, or at least within where the axis is. */
-static int32_t stays_inside(const sj_axis *ax, const sj_axis_goal *goal, const sj_limits *limits,
+int32_t sj_goal_inside(const sj_axis *ax, const sj_axis_goal *goal, const sj_limits *limits,
                             const sj_plan *plan)
 {
     const sj_axis_config *config = &ax->config;
-    continuous at = commanded(ax);
+    continuous at = axis_commanded(ax);
     double low, high, beyond = 0.0, rest_low, rest_high;
     double slack = 1e-9 * (fabs(at.P.hi) + fabs(goal->goal));
     sj_plan rest;
 
     if (!isfinite(config->position_min) && !isfinite(config->position_max))
         return 1;
-    way_of(plan, at.V.hi, at.A.hi, &low, &high);
+    sj_goal_way(plan, at.V.hi, at.A.hi, &low, &high);
     if (goal->goal_velocity != 0.0) { /* and after the goal there is room to come to rest */
         if (sj_plan_velocity(goal->goal_velocity, 0.0, 0.0, limits, &rest) != SJ_PLAN_OK)
             return 0;
-        beyond = goal->goal + way_of(&rest, goal->goal_velocity, 0.0, &rest_low, &rest_high);
+        beyond = goal->goal + sj_goal_way(&rest, goal->goal_velocity, 0.0, &rest_low, &rest_high);
         if (beyond < config->position_min - slack || beyond > config->position_max + slack)
             return 0;
     }
@@ -368,11 +404,12 @@ static int32_t plan_goals(sj_kernel *kernel, const int32_t *axes, const sj_axis_
 
     for (int32_t i = 0; i < n; i++) {
         const sj_axis *ax = &kernel->axis[axes[i]];
-        continuous at = commanded(ax);
+        continuous at = axis_commanded(ax);
         double v;
         if (goals[i].kind != SJ_GOAL_ABSOLUTE)
             continue;
-        limits[m] = overridden(kernel, ax, &goals[i]);
+        limits[m] = sj_goal_limits(kernel, ax, &goals[i]);
+        limits[m] = sj_goal_kept(ax, &limits[m]);
         v = clamp(goals[i].goal_velocity, limits[m].velocity);
         request[m] = (sj_request){lemma_distance(&at, goals[i].goal, v), at.V.hi, at.A.hi, v};
         ways[i] = request[m].distance;
@@ -380,7 +417,7 @@ static int32_t plan_goals(sj_kernel *kernel, const int32_t *axes, const sj_axis_
         of[m++] = i;
     }
     if (m > 0 && !(line && plan_line(kernel, together, m, limits, 0) == 0) &&
-        sj_plan_axes(m, request, limits, least_cycles, synchronization, kernel->plan) !=
+        sj_passage_plan(m, request, limits, least_cycles, synchronization, kernel->plan) !=
             SJ_PLAN_OK)
         return SJ_RESULT_PLAN;
     for (int32_t k = 0; k < m; k++) {
@@ -388,7 +425,7 @@ static int32_t plan_goals(sj_kernel *kernel, const int32_t *axes, const sj_axis_
         sj_interpolator *trial = &kernel->trial[of[k]];
         *trial = kernel->axis[together[k]].interpolator;
         *refused = together[k];
-        if (!stays_inside(&kernel->axis[together[k]], goal, &limits[k], &kernel->plan[k]))
+        if (!sj_goal_inside(&kernel->axis[together[k]], goal, &limits[k], &kernel->plan[k]))
             return SJ_RESULT_LIMIT;
         *refused = -1;
         if (sj_interpolator_load(trial, &kernel->plan[k], goal->goal, request[k].v1, 0) !=
@@ -410,90 +447,108 @@ static int32_t plan_goals(sj_kernel *kernel, const int32_t *axes, const sj_axis_
     return SJ_RESULT_ACCEPTED;
 }
 
-static int32_t held(const sj_kernel *kernel)
+static void take_over(sj_kernel *kernel, const goal_set *set, int32_t synchronization,
+                      const double *ways)
 {
-    return kernel->hold || kernel->override == 0.0;
-}
-
-static void take_over(sj_kernel *kernel, const int32_t *axes, const sj_axis_goal *goals, int32_t n,
-                      int32_t synchronization, const double *ways)
-{
-    for (int32_t i = 0; i < n; i++) {
-        sj_axis *ax = &kernel->axis[axes[i]];
-        if (goals[i].kind == SJ_GOAL_HOME) {
+    for (int32_t i = 0; i < set->n; i++) {
+        sj_axis *ax = &kernel->axis[set->axes[i]];
+        if (set->goal[i].kind == SJ_GOAL_HOME) {
             ax->homing = 1;
         } else {
             ax->interpolator = kernel->trial[i];
-            ax->line = synchronization == SJ_SYNC_PHASE && goals[i].kind == SJ_GOAL_ABSOLUTE
+            ax->line = synchronization == SJ_SYNC_PHASE && set->goal[i].kind == SJ_GOAL_ABSOLUTE
                            ? ways[i] : 0.0;
         }
-        ax->parked = ax->reached = 0;
+        ax->parked = 0;
     }
+}
+
+int32_t sj_goal_begin(sj_kernel *kernel, goal_set *set)
+{
+    int32_t synchronization = set->synchronization, result, wait = goal_held(kernel);
+    double ways[SJ_AXES];
+    uint64_t together = 0;
+
+    set->refused = -1;
+    if (!wait) {
+        result = plan_goals(kernel, set->axes, set->goal, set->n, &synchronization,
+                            set->least_cycles, 0, &set->refused, ways);
+        if (result != SJ_RESULT_ACCEPTED)
+            return result;
+        for (int32_t i = 0; i < set->n; i++)
+            kernel->axis[set->axes[i]].start = kernel->axis[set->axes[i]].interpolator.q.hi;
+        take_over(kernel, set, synchronization, ways);
+    }
+    for (int32_t i = 0; i < set->n; i++)
+        together |= UINT64_C(1) << set->axes[i];
+    for (int32_t i = 0; i < set->n; i++) {
+        sj_axis *ax = &kernel->axis[set->axes[i]];
+        sj_axis_feedback *out = &kernel->feedback.axis[set->axes[i]];
+        ax->goal_id = set->id;
+        ax->goal_axes = together;
+        ax->goal = set->goal[i];
+        ax->synchronization = set->synchronization;
+        ax->least_cycles = set->least_cycles;
+        ax->reached = ax->onward = 0;
+        sj_cycle_trigger(kernel, set->axes[i], trigger_of(&set->goal[i]));
+        if (wait) { /* planned when the hold ends */
+            ax->start = ax->interpolator.q.hi;
+            ax->line = 0.0;
+            ax->parked = set->goal[i].kind != SJ_GOAL_HOME;
+            ax->homing = set->goal[i].kind == SJ_GOAL_HOME;
+        }
+        out->peak_velocity = out->peak_acceleration = out->peak_jerk = 0.0;
+    }
+    if (wait)
+        sj_goal_again(kernel);
+    return SJ_RESULT_ACCEPTED;
 }
 
 void sj_goal_take(sj_kernel *kernel, int32_t stopped)
 {
     const sj_command *command = &kernel->command;
     sj_feedback *feedback = &kernel->feedback;
-    int32_t result = stopped ? SJ_RESULT_STOPPED : SJ_RESULT_ACCEPTED, refused = -1;
-    int32_t axes[SJ_AXES], n = 0, changed = 0, synchronization = command->synchronization;
-    uint64_t set = 0;
-    sj_axis_goal goals[SJ_AXES];
-    double ways[SJ_AXES];
+    int32_t result = stopped ? SJ_RESULT_STOPPED : SJ_RESULT_ACCEPTED, changed = 0;
+    uint64_t chosen = 0;
+    goal_set set;
 
-    kernel->goal_id = command->goal_id;
+    kernel->goal_id = set.id = command->goal_id;
+    set.least_cycles = command->least_cycles;
+    set.synchronization = command->synchronization;
+    set.n = 0;
+    set.refused = -1;
     for (int32_t i = 0; i < kernel->axes && result == SJ_RESULT_ACCEPTED; i++) {
         sj_axis *ax = &kernel->axis[i];
+        sj_axis_goal *goal = &set.goal[set.n];
         if (command->axis[i].goal.kind == SJ_GOAL_NONE)
             continue;
-        goals[n] = command->axis[i].goal;
+        sj_goal_ceiling(ax);
+        *goal = command->axis[i].goal;
         sj_path_hand_over(kernel, i);
-        if (goals[n].kind == SJ_GOAL_RELATIVE) {
-            goals[n].kind = SJ_GOAL_ABSOLUTE;
-            goals[n].goal += ax->interpolator.q.hi;
+        if (goal->kind == SJ_GOAL_RELATIVE) {
+            goal->kind = SJ_GOAL_ABSOLUTE;
+            goal->goal += ax->interpolator.q.hi;
             changed = 1;
         }
-        result = judge(ax, &goals[n]);
+        result = sj_goal_judge(ax, goal);
         if (result != SJ_RESULT_ACCEPTED)
-            refused = i;
-        changed |= !same_goal(&ax->goal, &goals[n]) || goals[n].kind == SJ_GOAL_HOME;
-        axes[n++] = i;
-        set |= UINT64_C(1) << i;
+            set.refused = i;
+        changed |= !same_goal(&ax->goal, goal) || goal->kind == SJ_GOAL_HOME;
+        set.axes[set.n++] = i;
+        chosen |= UINT64_C(1) << i;
     }
-    if (result == SJ_RESULT_ACCEPTED && changed && n > 0 && !held(kernel)) {
-        result = plan_goals(kernel, axes, goals, n, &synchronization, command->least_cycles, 0,
-                            &refused, ways);
-        if (result == SJ_RESULT_ACCEPTED)
-            take_over(kernel, axes, goals, n, synchronization, ways);
-    }
+    if (result == SJ_RESULT_ACCEPTED && changed)
+        result = sj_goal_begin(kernel, &set);
     if (result == SJ_RESULT_ACCEPTED)
-        sj_path_release(kernel, set);
+        sj_path_release(kernel, chosen);
     if (result == SJ_RESULT_ACCEPTED)
-        sj_ahead_drop(kernel, set, 0, command->goal_records, SJ_RESULT_SUPERSEDED);
-    for (int32_t i = 0; i < n && result == SJ_RESULT_ACCEPTED; i++) {
-        sj_axis *ax = &kernel->axis[axes[i]];
-        sj_axis_feedback *out = &feedback->axis[axes[i]];
-        ax->goal_id = command->goal_id;
-        if (!changed)
-            continue;
-        ax->goal = goals[i];
-        ax->synchronization = command->synchronization;
-        ax->least_cycles = command->least_cycles;
-        sj_cycle_trigger(kernel, axes[i], trigger_of(&goals[i]));
-        if (held(kernel)) { /* planned when the hold ends */
-            ax->reached = 0;
-            ax->line = 0.0;
-            ax->parked = goals[i].kind != SJ_GOAL_HOME;
-            ax->homing = goals[i].kind == SJ_GOAL_HOME;
-        }
-        out->peak_velocity = out->peak_acceleration = out->peak_jerk = 0.0;
-    }
-    if (result == SJ_RESULT_ACCEPTED && changed && held(kernel))
-        sj_goal_again(kernel);
+        sj_ahead_drop(kernel, chosen, 0, command->goal_records, SJ_RESULT_SUPERSEDED);
+    for (int32_t i = 0; i < set.n && result == SJ_RESULT_ACCEPTED; i++)
+        kernel->axis[set.axes[i]].goal_id = command->goal_id;
     feedback->result_goal_id = command->goal_id;
     feedback->result = result;
-    feedback->result_axis = refused;
-    sj_cycle_answer(kernel, command->goal_id, refused, result);
+    feedback->result_axis = set.refused;
+    sj_cycle_answer(kernel, command->goal_id, set.refused, result);
 }
 
 void sj_goal_again(sj_kernel *kernel)
@@ -512,7 +567,9 @@ void sj_goal_again(sj_kernel *kernel)
         if ((set >> i & 1) == 0)
             continue;
         n = group_of(kernel, i, &set, axes);
-        if (held(kernel)) {
+        if (!sj_queue_release(kernel, axes, n))
+            continue; /* too late to do anything before the goal; the next move does it */
+        if (goal_held(kernel)) {
             halt_together(kernel, axes, n);
             for (int32_t k = 0; k < n; k++) {
                 sj_axis *ax = &kernel->axis[axes[k]];
@@ -542,15 +599,27 @@ void sj_goal_again(sj_kernel *kernel)
     }
 }
 
+/* All axes of its goal are on it: told once, by the last. */
+static void tell_reached(sj_kernel *kernel, const sj_axis *ax)
+{
+    for (int32_t i = 0; i < kernel->axes; i++) {
+        const sj_axis *other = &kernel->axis[i];
+        if ((ax->goal_axes >> i & 1) && (other->goal_id != ax->goal_id || !other->reached))
+            return;
+    }
+    sj_cycle_reached(kernel, ax->goal_id);
+}
+
 void sj_goal_reached(sj_kernel *kernel, int32_t axis)
 {
     sj_axis *ax = &kernel->axis[axis];
-    if (ax->parked || ax->goal.kind == SJ_GOAL_NONE || ax->interpolator.ahead > 0)
+    if (ax->parked || ax->goal.kind != SJ_GOAL_ABSOLUTE || ax->interpolator.ahead > 0)
         return;
-    if (ax->goal.kind != SJ_GOAL_ABSOLUTE)
-        return;
-    ax->reached = 1;
-    if (ax->interpolator.v.hi == 0.0)
+    if (!ax->reached) {
+        ax->reached = 1;
+        tell_reached(kernel, ax);
+    }
+    if (ax->interpolator.v.hi == 0.0 || ax->onward)
         return;
     ax->goal.kind = SJ_GOAL_JOG; /* with the velocity it arrived with */
     if (isfinite(ax->config.position_min) || isfinite(ax->config.position_max)) {
@@ -559,4 +628,24 @@ void sj_goal_reached(sj_kernel *kernel, int32_t axis)
             SJ_RESULT_ACCEPTED)
             ax->interpolator = kernel->trial[0];
     }
+}
+
+/* Two axes by turns, to a goal that needs all phases; into kernel->plan and trial, which nothing
+ * reads between cycles. */
+void sj_goal_rehearse(sj_kernel *kernel)
+{
+    const uint64_t axes = (uint64_t)kernel->axes;
+    int32_t chosen[2], n = axes > 1 ? 2 : 1, refused, synchronization = SJ_SYNC_TIME;
+    sj_axis_goal goals[2];
+    double ways[2];
+    for (int32_t i = 0; i < n; i++) {
+        const sj_axis *ax;
+        chosen[i] = (int32_t)((kernel->feedback.cycle + (uint64_t)i) % axes);
+        ax = &kernel->axis[chosen[i]];
+        goals[i] = (sj_axis_goal){.kind = SJ_GOAL_ABSOLUTE, .limits = ax->config.limits};
+        goals[i].goal = ax->interpolator.q.hi + 4.0 * goals[i].limits.velocity *
+                                                    goals[i].limits.velocity /
+                                                    goals[i].limits.acceleration;
+    }
+    plan_goals(kernel, chosen, goals, n, &synchronization, 0, 0, &refused, ways);
 }

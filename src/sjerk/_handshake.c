@@ -354,6 +354,7 @@ int32_t sj_shm_kernel_left(const void *base)
     return left != 0 && left == acquire(&kernel_of(base)->epoch);
 }
 
+uint64_t sj_shm_host_left(const void *base) { return acquire(&host_of(base)->left); }
 uint64_t sj_shm_kernel_epoch(const void *base) { return acquire(&kernel_of(base)->epoch); }
 uint64_t sj_shm_host_epoch(const void *base) { return acquire(&host_of(base)->epoch); }
 uint64_t sj_shm_host_pid(const void *base) { return load(&host_of(base)->pid); }

@@ -14,18 +14,29 @@
 
 /* ---- Eqs. (15)-(17) -------------------------------------------------------------------------- */
 
+/* A sum with nothing costs nothing; the bits are the same. */
+static sj_exact plus(sj_exact x, sj_exact y)
+{
+    return y.hi == 0.0 ? x : exact_add(x, y);
+}
+
+/* The mean of two neighbours. */
+static sj_exact mean(sj_exact now, sj_exact before)
+{
+    return now.hi == before.hi && now.lo == before.lo ? now : exact_half(exact_add(now, before));
+}
+
 /* One cycle of jerk j[k] from the sample at k-1. */
 static void integrate(sj_interpolator *ip, sj_exact j)
 {
     sj_exact a, v, q;
     /* Eq. (15): a[k] = a[k-1] + 0.5 (j[k] + j[k-1]) */
-    a = exact_add(ip->a, exact_half(exact_add(j, ip->j)));
+    a = plus(ip->a, mean(j, ip->j));
     /* Eq. (16): v[k] = v[k-1] + 0.5 (a[k] + a[k-1]) */
-    v = exact_add(ip->v, exact_half(exact_add(a, ip->a)));
-    v = exact_add(v, ip->spread_v);
+    v = plus(plus(ip->v, mean(a, ip->a)), ip->spread_v);
     /* Eq. (17): q[k] = q[k-1] + 0.5 (v[k] + v[k-1]) */
-    q = exact_add(ip->q, exact_half(exact_add(v, ip->v)));
-    ip->q = exact_add(q, ip->spread_q);
+    q = plus(ip->q, mean(v, ip->v));
+    ip->q = plus(q, ip->spread_q);
     ip->v = v;
     ip->a = a;
     ip->j = j;

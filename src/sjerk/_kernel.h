@@ -167,6 +167,7 @@ uint64_t sj_shm_begin_host(void *base, uint64_t pid, uint64_t now_ns); /* the ne
 void sj_shm_leave_host(void *base);     /* an orderly end, so that it is not taken for a death */
 void sj_shm_leave_kernel(void *base);
 int32_t sj_shm_kernel_left(const void *base);        /* 1: the last kernel ended in order */
+uint64_t sj_shm_host_left(const void *base);         /* the last host epoch that ended in order */
 uint64_t sj_shm_kernel_epoch(const void *base);
 uint64_t sj_shm_host_epoch(const void *base);
 uint64_t sj_shm_host_pid(const void *base);
@@ -639,6 +640,8 @@ void    sj_follow_begin(const sj_follow *s, const double *velocity, const double
                         const double *last_jerk);
 int32_t sj_follow_plan(const sj_follow *s);
 int32_t sj_follow_could_lose(const sj_follow *s, int64_t i);
+/* Solve for the cycles as they are; share (points): the largest use of any limit per segment. */
+void    sj_follow_shares(const sj_follow *s, double *share);
 void    sj_follow_read(const sj_follow *s, int64_t count, int64_t *length, double *jerk,
                        double *velocity, double *acceleration, double *last_jerk);
 /* The samples of `count` segments as read, without the first knot's; the number of rows. */
@@ -928,7 +931,8 @@ enum sj_event_kind {
     SJ_EVENT_ANCHOR = 7,                /* the drive left; the command is the actual position */
     SJ_EVENT_LIMITS = 8,                /* code: enum sj_result of new limits */
     SJ_EVENT_PATH = 9,                  /* code: new enum sj_path_state, value: way-point ahead */
-    SJ_EVENTS = 10
+    SJ_EVENT_REACHED = 10,              /* all axes are on the goal of goal_id, in this frame */
+    SJ_EVENTS = 11
 };
 
 enum sj_cause {                         /* what a kernel can react to */
@@ -1101,7 +1105,10 @@ typedef struct {
     uint64_t spin_ns;                   /* busy wait of an idle cycle */
 } sj_clock_report;
 
+/* Times first: a kernel in a caller's own loop has none and publishes from `cycle` on. */
 typedef struct {
+    sj_histogram latency, period, computing;
+    sj_clock_report clock;
     uint64_t cycle;                     /* cycles since start */
     uint64_t time_ns;                   /* CLOCK_MONOTONIC at its begin, 0 in a caller's own loop */
     uint64_t sequence;                  /* newest command taken */
@@ -1113,8 +1120,6 @@ typedef struct {
     int32_t result, result_axis;        /* enum sj_result; axis that refused, or -1 */
     int32_t axes, ending, hold;
     int32_t ring_spoilt;                /* 1: no record is taken until the host flushes the ring */
-    sj_clock_report clock;
-    sj_histogram latency, period, computing;
     sj_path_feedback path;
     sj_axis_feedback axis[64];
 } sj_feedback;
@@ -1146,7 +1151,8 @@ enum sj_trace_flag {
     SJ_TRACE_SETTLED = 2,
     SJ_TRACE_FOLLOWS = 4,
     SJ_TRACE_PARKED = 8,
-    SJ_TRACE_DRIVE_STOP = 16
+    SJ_TRACE_DRIVE_STOP = 16,
+    SJ_TRACE_LED = 32                   /* by a path */
 };
 
 typedef struct {
@@ -1214,16 +1220,19 @@ typedef struct {
     sj_drive drive;
     sj_axis_config config;
     sj_axis_goal goal;                  /* in execution, or reached; absolute */
+    sj_limits ceiling;                  /* the largest of the axis since it last was at rest */
+    double start;                       /* where the goal's motion began */
     double line;                        /* its share of a straight line, 0: not on one */
     int64_t actual_counts;              /* 6064h unwrapped */
     int64_t target_counts;              /* sent last */
     int64_t least_cycles;
-    uint64_t goal_id;
+    uint64_t goal_id, goal_axes;        /* goal_axes: bit n = axis n */
     int32_t synchronization;
     int32_t state;                      /* SJ_AXIS_... */
     int32_t following;                  /* the command leads, the drive follows */
     int32_t parked;                     /* held on its way to the goal */
     int32_t reached;                    /* has been on the goal */
+    int32_t onward;                     /* passes its goal; a queued move takes over there */
     int32_t error;                      /* stopped by the kernel; until reset */
     int32_t enable;
     int32_t reset;                      /* cycles left of a fault reset's edge */
@@ -1244,6 +1253,10 @@ typedef struct {
     sj_record record;
     uint64_t number;                    /* of the ring */
     uint64_t axes;                      /* bit n: axis n */
+    uint64_t passing;                   /* axes of the move before that pass their goal for it */
+    double share;                       /* of the velocity to pass with; what is tried next */
+    int32_t spent;                      /* has its answer; begun only to come to rest */
+    int32_t reserved;
 } sj_held;
 
 /* Records first .. last of these axes are not begun. */
@@ -1286,8 +1299,11 @@ typedef struct {
     uint32_t cancels;
     int32_t collected;                  /* status of this cycle's collection of the command */
     int32_t quiet;                      /* 1: nobody reads the feedback of this cycle (_virtual.c) */
+    int32_t own_loop;                   /* 1: nothing clocks it; frames are without times */
+    int32_t pad;
     double override;
     uint64_t goal_id, late;
+    uint64_t host_epoch;                /* of the host seen last */
     uint64_t ring_seen, ring_published, ring_taken;     /* of this cycle */
     int32_t ring_status;
     int32_t reserved;
@@ -1310,18 +1326,23 @@ typedef struct {
 
 uint64_t sj_command_bytes(int32_t axes);
 uint64_t sj_feedback_bytes(int32_t axes);
+uint64_t sj_feedback_times(void);       /* bytes before `cycle` */
 int32_t  sj_kernel_init(sj_kernel *kernel, void *segment, int32_t axes, double cycle_time_s);
 int32_t  sj_kernel_axis(sj_kernel *kernel, int32_t axis, const sj_drive_config *drive,
                         const sj_axis_config *config);
 void     sj_kernel_cycle(sj_kernel *kernel, uint64_t now_ns);
 void     sj_kernel_cycles(sj_kernel *kernel, int64_t cycles); /* in a caller's own loop */
+void     sj_kernel_step(sj_kernel *kernel);                   /* the same, one */
+/* Between cycles: a plan that nothing uses, so that the planner is in the caches when it is needed. */
+void     sj_goal_rehearse(sj_kernel *kernel);
 int32_t  sj_kernel_at_rest(const sj_kernel *kernel);    /* nothing moves, no drive is enabled */
 
 /* ---- wiring: trace (_trace.c) and virtual time (_virtual.c) ---------------------------------- */
 
 uint64_t sj_trace_frame_bytes(int32_t axes);
 uint64_t sj_trace_item_bytes(int32_t axes);             /* of one event of the trace's segment */
-int32_t  sj_trace_host(sj_kernel *kernel, uint64_t now_ns);     /* as sj_shm_host_state */
+/* As sj_shm_host_state; DEAD for one cycle too where the next host came before it was noticed. */
+int32_t  sj_trace_host(sj_kernel *kernel, uint64_t now_ns);
 void     sj_trace_see(sj_kernel *kernel);               /* the ring's counters, at the begin */
 int32_t  sj_trace_collect(sj_kernel *kernel);           /* as sj_command_collect, into incoming */
 int32_t  sj_trace_take(sj_kernel *kernel, sj_record *record);   /* as sj_ring_take */

@@ -126,8 +126,9 @@ static void find_summit(const task *t, double j, double top, double first, summi
     m->known = 1;
 }
 
-/* The legal path of n cycles to (v1, 0) that gets furthest up; 0 if there is none. */
-static int extreme(const task *t, double j, double n, summit *m, path *x)
+/* The legal path of n cycles to (v1, 0) that gets furthest up, from an acceleration that can end on a
+   node; 0 if there is none. */
+static int furthest(const task *t, double j, double n, summit *m, path *x)
 {
     double dv = t->v1 - t->v0, first = fabs(t->a0) / j, carry = t->v0 + t->a0 * first / 2;
     if (n < first * (1 - SLACK) || fabs(carry) > t->vmax * (1 + SLACK)) return 0;
@@ -162,7 +163,35 @@ static int extreme(const task *t, double j, double n, summit *m, path *x)
         }
     }
     extreme_path(t, j, n, s, r, x);
-    return fabs(sj_path_change(x) - dv) <= 1e-13 * reach;
+    /* a crossing cut short by an acceleration limit peaks higher */
+    return fabs(sj_path_change(x) - dv) <= 1e-13 * reach
+        && sj_path_peak(x, t->v0) <= t->vmax * (1 + 2 * SLACK);
+}
+
+/* The same from any acceleration: where zero on a node would carry the velocity over its limit, the
+   gentlest crossing comes first. */
+static int extreme(const task *t, double j, double n, summit *m, path *x)
+{
+    double whole_cycles = t->a0 > 0 ? whole(t->a0 / j) : 0, left = t->a0 - whole_cycles * j;
+    double v = t->v0 + whole_cycles * (t->a0 - whole_cycles * j / 2), room = t->vmax - v;
+    if (!(t->a0 > 0 && left > 2 * room + 2 * SLACK * t->vmax)) return furthest(t, j, n, m, x);
+    double across = left * left / (2 * most(0, room)), most_j = least(j, left + t->ad);
+    double head = whole_cycles + 1;
+    if (!(across * (1 - 1e-9) <= most_j && n > head)) return 0;
+    across = least(across, most_j);
+    task u = *t;
+    u.v0 = v + left - across / 2;
+    u.a0 = left - across;
+    if (!furthest(&u, j, n - head, m, x)) return 0;
+    int more = whole_cycles > 0 ? 2 : 1;
+    for (int i = x->count - 1; i >= 0; i--) {
+        x->k[i + more] = x->k[i] + head;
+        x->a[i + more] = x->a[i];
+    }
+    x->k[0] = 0; x->a[0] = t->a0;
+    if (more == 2) { x->k[1] = whole_cycles; x->a[1] = left; }
+    x->count += more;
+    return 1;
 }
 
 static double path_at(const path *x, int *i, double k)
@@ -197,9 +226,40 @@ static void mixed(const task *t, double n, const path *x, double px, const path 
     }
 }
 
-static int mix_put(const task *t, const path *z, sj_plan *p)
+/* What the roots of the extremes left of velocity and distance is taken up by two levels, where that
+   is far below what the limits are kept to: the one with the widest neighbourhood on each side of
+   the middle. */
+static void polish(const task *t, path *z)
+{
+    int at[2] = {0, 0}, middle = z->count / 2;
+    double width[2] = {0, 0}, reach[2], slope[2];
+    for (int i = 1; i + 1 < z->count; i++) {
+        double w = (z->k[i + 1] - z->k[i - 1]) / 2;
+        int s = i >= middle;
+        if (z->a[i] != 0 && w > width[s]) { width[s] = w; at[s] = i; }
+    }
+    if (!at[0] || !at[1]) return;
+    double end = z->k[z->count - 1];
+    for (int s = 0; s < 2; s++) {
+        const double *k = &z->k[at[s]];
+        reach[s] = end - (k[-1] + k[0] + k[1]) / 3;
+        slope[s] = 1 / least(k[0] - k[-1], k[1] - k[0]);
+    }
+    double dv = t->v1 - t->v0 - sj_path_change(z), dp = t->h - sj_path_distance(z, t->v0);
+    double later = (dp - reach[0] * dv) / (reach[1] - reach[0]);
+    double change[2] = {(dv - later) / width[0], later / width[1]};
+    const double room = 4 * SLACK;
+    for (int s = 0; s < 2; s++) {
+        double level = room * (z->a[at[s]] > 0 ? t->au : t->ad);
+        if (!(fabs(change[s]) <= least(level, room * least(t->ju, t->jd) / slope[s]))) return;
+    }
+    for (int s = 0; s < 2; s++) z->a[at[s]] += change[s];
+}
+
+static int mix_put(const task *t, path *z, sj_plan *p)
 {
     if (p->count + z->count > SJ_PHASES) return 0;
+    polish(t, z);
     sj_path_put(p, z, t);
     p->kind = SJ_PLAN_MIX;
     return 1;

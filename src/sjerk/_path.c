@@ -24,7 +24,7 @@ static void become(sj_kernel *kernel, int32_t state)
     out->state = state;
     sj_kernel_event event = {kernel->feedback.cycle + 1, kernel->feedback.time_ns,
                              kernel->path.goal_id, (double)out->number, SJ_EVENT_PATH, -1, state, 0};
-    sj_event_publish(kernel->segment, &event);
+    sj_trace_event(kernel, &event);
 }
 
 /* ---- records --------------------------------------------------------------------------------- */

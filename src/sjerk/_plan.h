@@ -68,16 +68,21 @@ static inline double ramp_time(double x, double amax, double jerk)
 void sj_begin(sj_plan *p);
 void sj_put(sj_plan *p, double n, double jerk);
 void sj_put_cruise(sj_plan *p, const task *t, double n);
+void sj_append(sj_plan *p, const sj_plan *q);
+int sj_leaves_velocity(const task *t, const sj_plan *p, int64_t used);
 task sj_resume(const task *start, const sj_plan *p);
 double sj_path_change(const path *x);
 double sj_path_distance(const path *x, double v);
+double sj_path_peak(const path *x, double v);
 void sj_path_put(sj_plan *p, const path *x, const task *t);
 void sj_node(path *x, double k, double a);
 int sj_ramp(double v0, double a0, double dv, double vmax, double au, double ad, double j, path *x);
 
 /* _return.c */
+int sj_come_back(task *t, sj_plan *p);
+void sj_settle(task *t, sj_plan *p);
+int sj_cross(task *t, sj_plan *p);
 void sj_shed(task *t, sj_plan *p);
-void sj_come_back(task *t, sj_plan *p);
 
 /* _rescue.c */
 int sj_go_to_velocity(task *t, double v, sj_plan *p);

@@ -324,8 +324,7 @@ static double found_cycles(const attempt *a)
 static void found_put(const attempt *a, sj_plan *p)
 {
     if (a->found == SJ_PLAN_CRUISE) {
-        for (int i = 0; i < a->head.count; i++)
-            sj_put(p, (double)a->head.phase[i].cycles, a->head.phase[i].jerk);
+        sj_append(p, &a->head);
         seven_put(p, &a->rest, &a->s);
     } else
         four_put(p, &a->t, &a->e);
@@ -484,6 +483,7 @@ static int by_cruise_of(const task *t, double n, seven *s)
 static int in_cycles(const task *t, double n, sj_plan *p)
 {
     seven s;
+    if (n < 0) return 0;
     if (n == 0) return t->h == 0 && t->v0 == t->v1 && t->a0 == 0;
     if (by_cruise_of(t, n, &s)) { seven_put(p, t, &s); p->kind = SJ_PLAN_CRUISE; return 1; }
     attempt a;
@@ -522,14 +522,43 @@ static void note_scale(sj_plan *p, const sj_limits *l)
     p->acceleration = most(l->acceleration, l->deceleration);
 }
 
+/* A move, or a change of velocity where `ramp`, whose first acceleration would break the velocity
+   limit if it ended on a node. The ways may cross zero by themselves; else a crossing comes first,
+   the gentlest or the hardest, whichever is sooner. */
+static int across(const task *start, int ramp, sj_plan *p)
+{
+    sj_plan q = *p, r = *p;
+    task t = *start;
+    int64_t used = p->cycles;
+    int ok = 0;
+    if ((ramp ? sj_go_to_velocity(&t, t.v1, &q) : sj_move(&t, &q, 1))
+        && !sj_leaves_velocity(start, &q, used)) {
+        if (start->ju == start->jd || q.kind != SJ_PLAN_MIX) { *p = q; return 1; }
+        ok = 1;
+    }
+    t = *start;
+    if (!ok) {
+        q = *p;
+        sj_settle(&t, &q);
+        ok = ramp ? sj_go_to_velocity(&t, t.v1, &q) : sj_move(&t, &q, 1);
+        t = *start;
+    }
+    if (sj_cross(&t, &r) && (ramp ? sj_go_to_velocity(&t, t.v1, &r) : sj_move(&t, &r, 1))
+        && (!ok || r.cycles < q.cycles)) {
+        *p = r;
+        return 1;
+    }
+    *p = q;
+    return ok;
+}
+
 int32_t sj_plan_move(double h, double v0, double a0, double v1, const sj_limits *l, sj_plan *p)
 {
     sj_begin(p);
     if (!valid(h, v0, a0, v1, l)) return SJ_PLAN_INVALID;
     task t = task_of(h, v0, a0, v1, l);
-    sj_come_back(&t, p);
-    int back = p->count > 0 ? SJ_PLAN_RETURN : 0;
-    int ok = sj_move(&t, p, 1);
+    int lands = sj_come_back(&t, p), back = p->count > 0 ? SJ_PLAN_RETURN : 0;
+    int ok = lands ? sj_move(&t, p, 1) : across(&t, 0, p);
     p->kind += back;
     note_scale(p, l);
     return ok ? SJ_PLAN_OK : SJ_PLAN_TOO_LONG;
@@ -540,9 +569,8 @@ int32_t sj_plan_velocity(double v0, double a0, double v1, const sj_limits *l, sj
     sj_begin(p);
     if (!valid(0, v0, a0, v1, l)) return SJ_PLAN_INVALID;
     task t = task_of(0, v0, a0, v1, l);
-    sj_come_back(&t, p);
-    int back = p->count > 0 ? SJ_PLAN_RETURN : 0;
-    if (!sj_go_to_velocity(&t, t.v1, p)) return SJ_PLAN_TOO_LONG;
+    int lands = sj_come_back(&t, p), back = p->count > 0 ? SJ_PLAN_RETURN : 0;
+    if (!(lands ? sj_go_to_velocity(&t, t.v1, p) : across(&t, 1, p))) return SJ_PLAN_TOO_LONG;
     p->kind = SJ_PLAN_RAMP + back;
     note_scale(p, l);
     return SJ_PLAN_OK;
@@ -555,25 +583,36 @@ static int32_t stretch(const task *origin, int64_t cycles, sj_plan *p)
     task t = *origin;
     sj_plan q;
     sj_begin(&q);
-    sj_come_back(&t, &q);
-    int back = q.count > 0 ? SJ_PLAN_RETURN : 0, head = q.count;
-    int64_t used = q.cycles;
-    if (in_cycles(&t, (double)(cycles - used), &q)) { *p = q; p->kind += back; return SJ_PLAN_OK; }
+    int lands = sj_come_back(&t, &q), back = q.count > 0 ? SJ_PLAN_RETURN : 0;
+    sj_plan head = q;
+    if (in_cycles(&t, (double)(cycles - head.cycles), &q)
+        && (lands || !sj_leaves_velocity(&t, &q, head.cycles))) {
+        *p = q;
+        p->kind += back;
+        return SJ_PLAN_OK;
+    }
+    if (!lands) {
+        sj_settle(&t, &head);
+        q = head;
+        if (in_cycles(&t, (double)(cycles - head.cycles), &q)) {
+            *p = q;
+            p->kind += back;
+            return SJ_PLAN_OK;
+        }
+    }
     if (t.v1 == 0) {
         /* at rest the shortest plan may wait */
         sj_put_cruise(p, origin, (double)(cycles - p->cycles));
         return SJ_PLAN_OK;
     }
-    p->count = head; p->cycles = used;
-    for (int i = 0; i < head; i++) p->phase[i] = q.phase[i];
-    q = *p;
+    *p = head;
     if (sj_by_stopping(&t, (double)cycles, p)) { p->kind += back; return SJ_PLAN_OK; }
     /* blocked: the next length that works */
     for (int64_t n = cycles + 1; n <= cycles + LENGTH_STEPS; n++) {
-        *p = q;
-        if (in_cycles(&t, (double)(n - used), p)) { p->kind += back; return SJ_PLAN_BLOCKED; }
+        *p = head;
+        if (in_cycles(&t, (double)(n - head.cycles), p)) { p->kind += back; return SJ_PLAN_BLOCKED; }
     }
-    *p = q;
+    *p = head;
     if (!sj_by_stopping(&t, INFINITY, p)) return SJ_PLAN_TOO_LONG;
     p->kind += back;
     return SJ_PLAN_BLOCKED;
@@ -598,7 +637,7 @@ static int64_t after_every_stop(int32_t n, const sj_request *r, const sj_limits 
         task t = task_of(r[i].distance, r[i].v0, r[i].a0, r[i].v1, &l[i]);
         sj_plan q;
         sj_begin(&q);
-        sj_come_back(&t, &q);
+        if (!sj_come_back(&t, &q)) sj_settle(&t, &q);
         if (t.v1 != 0 && sj_by_stopping(&t, INFINITY, &q) && q.cycles > cycles) cycles = q.cycles;
     }
     return cycles;

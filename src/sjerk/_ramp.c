@@ -31,6 +31,35 @@ void sj_put(sj_plan *p, double n, double jerk)
     p->count++;
 }
 
+void sj_append(sj_plan *p, const sj_plan *q)
+{
+    for (int i = 0; i < q->count; i++) sj_put(p, (double)q->phase[i].cycles, q->phase[i].jerk);
+}
+
+/* Velocity a piece of the motion reaches at most, in magnitude: n cycles from (v, a) to acceleration
+   b; at the end or where the acceleration crosses zero. */
+static double piece_peak(double v, double n, double a, double b)
+{
+    double end = fabs(v + n * (a + b) / 2);
+    return a * b < 0 ? most(end, fabs(v + n * a * a / (2 * (a - b)))) : end;
+}
+
+/* Whether the plan, from task t which begins after its first `used` cycles, leaves the velocity
+   limit. */
+int sj_leaves_velocity(const task *t, const sj_plan *p, int64_t used)
+{
+    double v = t->sign * t->v0, a = t->sign * t->a0;
+    for (int i = 0; i < p->count; i++) {
+        int64_t skipped = used < p->phase[i].cycles ? used : p->phase[i].cycles;
+        double n = (double)(p->phase[i].cycles - skipped), b = a + n * p->phase[i].jerk;
+        used -= skipped;
+        if (piece_peak(v, n, a, b) > t->vmax * (1 + 4 * SLACK)) return 1;
+        v += n * (a + b) / 2;
+        a = b;
+    }
+    return 0;
+}
+
 /* Acceleration after the plan so far, without drift. */
 static sj_exact plan_acceleration(double first, const sj_plan *p)
 {
@@ -85,6 +114,16 @@ double sj_path_distance(const path *x, double v)
         v += n * (a + b) / 2;
     }
     return p;
+}
+double sj_path_peak(const path *x, double v)
+{
+    double peak = fabs(v);
+    for (int i = 1; i < x->count; i++) {
+        double n = x->k[i] - x->k[i - 1], a = x->a[i - 1], b = x->a[i];
+        peak = most(peak, piece_peak(v, n, a, b));
+        v += n * (a + b) / 2;
+    }
+    return peak;
 }
 void sj_path_put(sj_plan *p, const path *x, const task *t)
 {

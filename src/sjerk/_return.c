@@ -1,130 +1,188 @@
-/* The way back inside: a start outside its limits, or carried out of them by its acceleration,
-   brakes as fast as jerk allows until the first node from which every limit can be kept. And the
-   acceleration brought to zero, which the return has to foresee.
+/* The way back inside: a start outside its limits, or carried out of them by its acceleration, is
+   brought back as fast as jerk allows, with the least excess that whole cycles allow. And the
+   acceleration brought to zero, which decides what "carried out" means.
 
-   Only phases are laid down here, with full jerk; a cycle that crosses zero has the smaller of two
-   jerks.
+   Zero acceleration on a node costs velocity: from a > 0 what is left after the cycles of full jerk
+   still adds left / 2. A cycle that crosses zero with jerk j adds left^2 / 2j only, and leaves an
+   acceleration the other way, j - left, which has to be brought to zero in its turn. With the
+   velocity limit w the crossing to take is the gentlest that keeps it, j = left^2 / 2(w - v): any
+   other leaves both less room and more acceleration on the other side. So whether a start can keep
+   w is decided by following these crossings (can_turn), and the least w it can keep is the excess
+   that nobody avoids (least_limit); docs/explanation/planner.md has the proof.
+
+   Only phases are laid down here; a cycle that crosses zero has the smaller of two jerks.
 
    Never here: a distance to be met, a target. */
 #include "_plan.h"
 
-/* Jerk of a cycle that takes the acceleration from `left` across zero. */
-static double crossing_jerk(const task *t, double left)
+/* Crossings of zero one after another. More than one are needed only where a cycle of acceleration is
+   more than the velocity limit twice over; and each takes such a start nearly six times farther from
+   those that swing for ever, so more than these are needed by one in 10^9. */
+enum { TURNS = 12 };
+
+/* Where full jerk leads: after n cycles `left` of the acceleration, less than one cycle's jerk, at
+   velocity v; both with the sign of a0 taken out. */
+typedef struct { double n, left, v; } brink;
+
+static brink brink_of(const task *t)
 {
-    return least(least(t->ju, t->jd), left + (t->a0 > 0 ? t->ad : t->au));
+    double a = fabs(t->a0), j = t->a0 > 0 ? t->ju : t->jd, v = t->a0 > 0 ? t->v0 : -t->v0;
+    double n = whole(a / j), left = a - n * j;
+    if (left <= 1e-13 * a) left = 0;
+    return (brink){n, left, v + n * (a - n * j / 2)};
 }
 
-/* Highest velocity (for a0 > 0, in its direction) on the way to zero acceleration in whole cycles:
-   n of full jerk leave `left`, and the last one either ends at zero or crosses it with the smaller
-   jerk. */
-static double carried(const task *t, double *n, double *left, int *cross)
+/* Most jerk of a cycle that crosses zero, with `beyond` the acceleration limit on the other side. */
+static double most_crossing(const task *t, double left, double beyond)
 {
-    double a = fabs(t->a0), j = t->a0 > 0 ? t->ju : t->jd, d = t->a0 > 0 ? 1 : -1;
-    *n = whole(a / j);
-    *left = a - *n * j;
-    if (*left <= 1e-13 * a) *left = 0;
-    double small = crossing_jerk(t, *left);
-    double v = t->v0 + d * *n * (a - *n * j / 2), landed = v + d * *left / 2;
-    *cross = fabs(landed) > t->vmax * (1 + SLACK / 2) && v * d > 0 && *left < small;
-    return *cross ? v + d * *left * *left / (2 * small) : landed;
+    return least(least(t->ju, t->jd), left + beyond);
 }
 
-/* Acceleration to zero, or across it in the last cycle where ending at zero would break the
-   velocity limit. */
-void sj_shed(task *t, sj_plan *p)
+/* Whether the velocity can be kept within w from the brink, by one crossing after another. */
+static int can_turn(const task *t, brink b, double w)
 {
-    double n, left, d = t->a0 > 0 ? t->sign : -t->sign, j = t->a0 > 0 ? t->ju : t->jd;
-    int cross;
+    double beyond = t->a0 > 0 ? t->ad : t->au, other = t->a0 > 0 ? t->au : t->ad;
+    double v = b.v, a = b.left;
+    for (int i = 0; i < TURNS; i++) {
+        if (v + a / 2 <= w) return 1;
+        double room = w - v, j = a * a / (2 * room);
+        if (!(room > 0 && j <= most_crossing(t, a, beyond) * (1 + 1e-14))) return 0;
+        double swap = beyond;
+        beyond = other; other = swap;
+        v = j / 2 - a - v;
+        a = j - a;
+    }
+    return 0;
+}
+
+/* The least velocity limit that one crossing at most can keep, and its jerk: where none keeps the
+   start's own. A harder crossing peaks lower and falls deeper on the other side, which ends at
+   j - 3 left / 2 - v. 0: zero on the node is the least. */
+static double hardest_turn(const task *t, brink b)
+{
+    double a = b.left, most_j = most_crossing(t, a, t->a0 > 0 ? t->ad : t->au);
+    if (!(a < most_j)) return 0;
+    double half = b.v + 0.75 * a;
+    return least(most_j, half + sqrt(half * half + a * a / 2));
+}
+
+/* Whether the acceleration can end on a node without costing the velocity limit. */
+static int lands(const task *t)
+{
+    brink b = brink_of(t);
+    return b.v + b.left / 2 <= t->vmax * (1 + SLACK / 2);
+}
+
+/* Full jerk, and a last cycle that crosses zero with jerk j, or ends there where j is none. */
+static void turn(task *t, double j, sj_plan *p)
+{
+    double d = t->a0 > 0 ? t->sign : -t->sign, full = t->a0 > 0 ? t->ju : t->jd;
+    brink b = brink_of(t);
     sj_plan q;
     sj_begin(&q);
-    carried(t, &n, &left, &cross);
-    sj_put(&q, n, -d * j);
-    if (left > 0) sj_put(&q, 1, -d * (cross ? crossing_jerk(t, left) : left));
+    sj_put(&q, b.n, -d * full);
+    if (b.left > 0) sj_put(&q, 1, -d * most(j, b.left));
     *t = sj_resume(t, &q);
-    if (!cross) t->a0 = 0;
-    for (int i = 0; i < q.count; i++) sj_put(p, (double)q.phase[i].cycles, q.phase[i].jerk);
+    if (!(j > b.left)) t->a0 = 0;
+    sj_append(p, &q);
 }
 
-/* A start above the velocity limit, or carried over it: brakes as fast as jerk allows until it is
+/* Acceleration to zero, on a node. */
+void sj_shed(task *t, sj_plan *p)
+{
+    turn(t, 0, p);
+}
+
+/* Crosses zero, each time with the gentlest jerk, until the acceleration can end on a node. */
+void sj_settle(task *t, sj_plan *p)
+{
+    for (int i = 0; i < TURNS && !lands(t); i++) {
+        brink b = brink_of(t);
+        double j = most_crossing(t, b.left, t->a0 > 0 ? t->ad : t->au);
+        turn(t, least(j, b.left * b.left / (2 * most(0, t->vmax - b.v))), p);
+    }
+}
+
+/* One crossing with the most jerk that serves; whether the acceleration can end on a node then. */
+int sj_cross(task *t, sj_plan *p)
+{
+    turn(t, hardest_turn(t, brink_of(t)), p);
+    return lands(t);
+}
+
+static int keeps(const task *t)
+{
+    return can_turn(t, brink_of(t), t->vmax * (1 + SLACK / 2));
+}
+
+/* Above its acceleration limit: full jerk down to it. The last cycle ends at the limit, unless that
+   little of jerk spared costs the velocity limit. */
+static void ease(task *t, sj_plan *p)
+{
+    double amax = t->a0 > 0 ? t->au : t->ad, j = t->a0 > 0 ? t->ju : t->jd;
+    double d = t->a0 > 0 ? t->sign : -t->sign, above = fabs(t->a0) - amax;
+    if (!(above > SLACK * amax)) return;
+    sj_plan q;
+    sj_begin(&q);
+    sj_put(&q, down(above / j), -d * j);
+    task u = sj_resume(t, &q);
+    double left = fabs(u.a0) - amax;
+    if (left > SLACK * amax) sj_put(&q, 1, -d * left);
+    u = sj_resume(t, &q);
+    if (!keeps(&u)) {
+        sj_begin(&q);
+        sj_put(&q, least(up(above / j), brink_of(t).n), -d * j);
+        u = sj_resume(t, &q);
+    }
+    *t = u;
+    sj_append(p, &q);
+}
+
+/* Above the velocity limit and no longer speeding up: brakes as fast as jerk allows until it is
    inside. */
 static void come_down(task *t, sj_plan *p)
 {
-    double n, left, top = t->vmax * (1 + SLACK / 2);
-    int cross;
-    double reached = carried(t, &n, &left, &cross);
-    /* it falls through: the other side's concern */
-    if (t->a0 < 0 && reached < -t->vmax * (1 + SLACK)) return;
-    if (!((t->a0 > 0 ? reached : t->v0) > t->vmax * (1 + SLACK))) return;
+    double top = t->vmax * (1 + SLACK / 2), v = t->v0;
+    path x;
+    if (!(v > t->vmax * (1 + SLACK)) || t->a0 > 0) return;
+    if (!sj_ramp(v, t->a0, -t->vmax - v, -1, t->au, t->ad, t->jd, &x)) return;
     sj_plan q;
     sj_begin(&q);
-    task u = *t;
-    if (t->ju != t->jd && t->a0 > 0) {
-        sj_put(&q, n, -t->sign * t->ju);
-        double small = crossing_jerk(t, left);
-        if (left > 0) sj_put(&q, 1, -t->sign * (left < small ? small : left));
-        u = sj_resume(t, &q);
-        if (!(left > 0 && left < small)) u.a0 = 0;
-    }
-    path x;
-    int above = t->ju == t->jd || (u.a0 <= 0 && u.v0 - u.a0 * u.a0 / (2 * t->jd) >= -t->vmax);
-    above = above && sj_ramp(u.v0, u.a0, -t->vmax - u.v0, -1, t->au, t->ad, t->jd, &x);
-    /* in whole cycles even the way to zero may fall through: then upward with the other jerk, not
-       here */
-    for (int i = 0; above && t->ju != t->jd && i < x.count; i++) above = x.a[i] <= 0;
-    if (above) {
-        double v = u.v0;
-        for (int i = 1; i < x.count; i++) {
-            double a = x.a[i - 1], m = x.k[i] - x.k[i - 1], jerk = (x.a[i] - a) / m, lo = 0, hi = m;
-            if (v + m * (a + m * jerk / 2) <= top && x.a[i] <= 0) {
-                for (int s = 0; s < 64 && hi - lo > 1; s++) {
-                    double mid = whole((lo + hi) / 2);
-                    if (v + mid * (a + mid * jerk / 2) <= top && a + mid * jerk <= 0)
-                        hi = mid; else lo = mid;
-                }
-                sj_put(&q, hi, t->sign * jerk);
-                break;
+    for (int i = 1; i < x.count; i++) {
+        double a = x.a[i - 1], m = x.k[i] - x.k[i - 1], jerk = (x.a[i] - a) / m, lo = 0, hi = m;
+        if (v + m * (a + m * jerk / 2) <= top) {
+            for (int s = 0; s < 64 && hi - lo > 1; s++) {
+                double mid = whole((lo + hi) / 2);
+                if (v + mid * (a + mid * jerk / 2) <= top) hi = mid; else lo = mid;
             }
-            sj_put(&q, m, t->sign * jerk);
-            v += m * (a + m * jerk / 2);
+            sj_put(&q, hi, t->sign * jerk);
+            break;
         }
+        sj_put(&q, m, t->sign * jerk);
+        v += m * (a + m * jerk / 2);
     }
-    for (int i = 0; i < q.count; i++) sj_put(p, (double)q.phase[i].cycles, q.phase[i].jerk);
     *t = sj_resume(t, &q);
+    sj_append(p, &q);
 }
 
-/* A start outside its limits comes back as fast as jerk allows. */
-void sj_come_back(task *t, sj_plan *p)
+/* A start outside its limits comes back as fast as jerk allows. Returns whether its acceleration
+   can end on a node then: if not, only a cycle that crosses zero keeps the velocity limit. */
+int sj_come_back(task *t, sj_plan *p)
 {
+    double small = least(t->ju, t->jd);
     if (fabs(t->a0) <= least(t->au, t->ad)
-        && t->a0 * t->a0 <= 1.99 * least(t->ju, t->jd) * (t->vmax - fabs(t->v0) - 2 * least(t->ju,
-            t->jd))) return;
-    double amax = t->a0 > 0 ? t->au : t->ad, j = t->a0 > 0 ? t->ju : t->jd, d = t->a0 > 0 ? 1 : -1;
-    if (fabs(t->a0) > amax * (1 + SLACK)) {
-        sj_plan q;
-        sj_begin(&q);
-        sj_put(&q, down((fabs(t->a0) - amax) / j), -d * t->sign * j);
-        task u = sj_resume(t, &q);
-        double left = fabs(u.a0) - amax;
-        if (left > SLACK * amax) {
-            /* the last cycle ends at the limit, unless that little of jerk spared costs the
-               velocity limit */
-            double n, rest;
-            int cross;
-            task w = u;
-            w.v0 += d * (amax + left / 2);
-            w.a0 = d * amax;
-            double a = fabs(u.a0), small = crossing_jerk(&u, a),
-                firm = a >= j ? j : a > small ? a : small;
-            double c = carried(&w, &n, &rest, &cross);
-            sj_put(&q, 1, -d * t->sign * (fabs(c) > t->vmax * (1 + SLACK)
-                && c * d > 0 ? firm : left));
-            u = sj_resume(t, &q);
-        }
-        *t = u;
-        for (int i = 0; i < q.count; i++) sj_put(p, (double)q.phase[i].cycles, q.phase[i].jerk);
+        && t->a0 * t->a0 <= 1.99 * small * (t->vmax - fabs(t->v0) - 2 * small)) return 1;
+    ease(t, p);
+    double amax = (t->a0 > 0 ? t->au : t->ad) * (1 + SLACK);
+    if (!keeps(t)) {
+        if (!sj_cross(t, p) && !keeps(t)) sj_shed(t, p);
+    } else if (fabs(t->a0) > amax || fabs(t->v0) > t->vmax * (1 + SLACK)) {
+        sj_settle(t, p);
+        if (fabs(t->a0) > amax) sj_shed(t, p);
     }
     come_down(t, p);
     *t = mirrored(t);
     come_down(t, p);
     *t = mirrored(t);
+    return lands(t);
 }

@@ -65,8 +65,13 @@ static const uint8_t *given_row(const sj_kernel *kernel, sj_trace_rows *rows, ui
 
 int32_t sj_trace_host(sj_kernel *kernel, uint64_t now_ns)
 {
+    uint64_t before = kernel->host_epoch;
     if (kernel->given.frame != NULL)
         return kernel->given.frame->host_state;
+    kernel->host_epoch = sj_shm_host_epoch(kernel->segment);
+    if (kernel->host_epoch != before && sj_shm_host_left(kernel->segment) < before &&
+        kernel->host_state != SJ_HOST_DEAD)
+        return SJ_HOST_DEAD; /* its successor waited for its lock and was faster than the watch */
     return sj_shm_host_state(kernel->segment, now_ns);
 }
 
@@ -132,12 +137,12 @@ void sj_trace_event(sj_kernel *kernel, const sj_kernel_event *event)
     tell(kernel, SJ_TRACE_EVENT, 0, event, sizeof *event);
 }
 
-static uint32_t flags_of(const sj_axis *ax)
+static uint32_t flags_of(const sj_axis *ax, int32_t led)
 {
     int32_t moving = ax->homing || (ax->following && (axis_moving(ax) || ax->parked));
     return (moving ? SJ_TRACE_MOVING : 0U) | (ax->reached ? SJ_TRACE_SETTLED : 0U) |
            (ax->following ? SJ_TRACE_FOLLOWS : 0U) | (ax->parked ? SJ_TRACE_PARKED : 0U) |
-           (ax->drive_stop ? SJ_TRACE_DRIVE_STOP : 0U);
+           (ax->drive_stop ? SJ_TRACE_DRIVE_STOP : 0U) | (led ? SJ_TRACE_LED : 0U);
 }
 
 static void write_axis(const sj_kernel *kernel, int32_t i, sj_axis_trace *out)
@@ -161,7 +166,7 @@ static void write_axis(const sj_kernel *kernel, int32_t i, sj_axis_trace *out)
     out->torque_actual = tx->torque_actual;
     out->mode_display = tx->mode_display;
     out->state = (uint8_t)ax->state;
-    out->flags = flags_of(ax);
+    out->flags = flags_of(ax, (int32_t)(kernel->path.led >> i & 1));
     out->reserved = 0;
 }
 

@@ -7,9 +7,7 @@ from __future__ import annotations
 
 import argparse
 import json
-import shutil
 import signal
-import subprocess
 import time
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
@@ -18,9 +16,11 @@ from pathlib import Path
 from typing import Any
 
 from sjerk import storage
+from sjerk.clock import Grant
 from sjerk.config import load
-from sjerk.errors import InputError
-from sjerk.feedback import Feedback, Timing
+from sjerk.cyclictest import Cyclictest
+from sjerk.errors import InputError, SjerkError
+from sjerk.feedback import Distribution, Feedback
 from sjerk.handshake import clean
 from sjerk.host import Host, Monitor
 from sjerk.recording import Recorder
@@ -258,37 +258,42 @@ def _monitor(options: argparse.Namespace) -> int:
 
 def _report(options: argparse.Namespace) -> int:
     with Monitor.attach(name_of(options)) as monitor:
-        judge = None
-        tool = shutil.which("cyclictest")
-        period = monitor.feedback().cycle_time
-        if tool is not None:
-            order = [tool, "-q", "-D", str(max(1, round(options.seconds)))]
-            order += ["-i", str(round(period * 1e6)), "-p", "80", "-t", "1"]
-            judge = subprocess.Popen(
-                order, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
-            )
         before = monitor.feedback()
+        period = before.cycle_time
+        judge = Cyclictest.start(
+            period, options.seconds, priority=_priority(before.timing.clock.scheduling)
+        )
         time.sleep(options.seconds)
+        beside: dict[str, Any] | str = "not installed"
+        if judge is not None:
+            try:
+                verdict = judge.result()
+                beside = {"version": verdict.version, "priority": verdict.priority}
+                beside |= _row("latency", verdict.latency)
+            except SjerkError as fault:
+                beside = str(fault)
         after = monitor.feedback()
-        beside = judge.communicate()[0].strip().splitlines()[-1:] if judge else []
-    missed = after.timing.late - before.timing.late
+    timing = after.timing_since(before)
     head: dict[str, Any] = {
         "cycle_time_us": round(period * 1e6, 3),
         "cycles": after.cycle - before.cycle,
-        "late": missed,
-        "clock": asdict(after.timing.clock),
-        "times_us": _times(after.timing),
-        "cyclictest": beside[0] if beside else "not installed",
+        "late": timing.late,
+        "clock": asdict(timing.clock),
+        "times_us": [
+            _row(name, getattr(timing, name)) for name in ("latency", "period", "computing")
+        ],
+        "cyclictest_us": beside,
     }
     show(options, head)
     return 0
 
 
-def _times(timing: Timing) -> list[dict[str, Any]]:
-    """Since the kernel's start, microseconds."""
-    rows = []
-    for name in ("latency", "period", "computing"):
-        times = asdict(getattr(timing, name))
-        count = times.pop("count")
-        rows.append({"of": name, "count": count} | {k: round(v * 1e6, 1) for k, v in times.items()})
-    return rows
+def _priority(grant: Grant) -> int:
+    """The real-time priority of the kernel, so that its judge gets the same; 0: none."""
+    return int(grant.asked.split()[-1]) if grant.granted and grant.asked != "nothing" else 0
+
+
+def _row(name: str, times: Distribution) -> dict[str, Any]:
+    """A distribution in microseconds."""
+    values = {k: round(v * 1e6, 1) for k, v in asdict(times).items() if k != "count"}
+    return {"of": name, "count": times.count} | values

@@ -68,6 +68,14 @@ class SupersededError(MotionStoppedError):
     """A newer goal took the place of this one. ``positions`` by axis."""
 
 
+class QueueFullError(SjerkError):
+    """The look-ahead takes no more now: ``capacity`` records wait. Nothing has been queued."""
+
+    def __init__(self, capacity: int) -> None:
+        super().__init__(f"{capacity} records wait for the kernel: wait for one of the moves")
+        self.capacity = capacity
+
+
 class ConfigError(InputError):
     """A value in a configuration file: ``path`` is the file, ``field`` the place in it."""
 

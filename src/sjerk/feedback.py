@@ -99,7 +99,10 @@ class AxisFeedback:
 
 @dataclass(frozen=True)
 class Distribution:
-    """A duration over all cycles, seconds. Interpolated in buckets of 6 %; ``worst`` is exact."""
+    """A duration over all cycles, seconds. Interpolated in buckets of 6 %.
+
+    ``worst`` is exact over all cycles, and to the bucket over some of them.
+    """
 
     count: int
     median: float
@@ -108,22 +111,33 @@ class Distribution:
     worst: float
 
     @classmethod
-    def of(cls, histogram: Any) -> Distribution:
-        """Read a ``sj_histogram``."""
-        count, worst = int(histogram.count), histogram.worst_ns * 1e-9
-        cuts: list[float] = []
+    def of(cls, histogram: Any, since: Any = None) -> Distribution:
+        """Read a ``sj_histogram``, or what came to it after an earlier one."""
         buckets = list(histogram.bucket)
+        count, worst = int(histogram.count), histogram.worst_ns * 1e-9
+        if since is not None:
+            buckets = [n - before for n, before in zip(buckets, since.bucket, strict=True)]
+            count -= since.count
+            if histogram.worst_ns == since.worst_ns:  # the worst was before
+                last = max((i for i, n in enumerate(buckets) if n), default=None)
+                worst = 0.0 if last is None else min(worst, _edge(last + 1))
+        cuts: list[float] = []
         for share in (0.5, 0.99, 0.999):
             below, value = 0, worst
             for i, n in enumerate(buckets):
                 if n and below + n >= share * count:
-                    octave, step = divmod(i, 16)
                     inside = (share * count - below) / n  # evenly within the bucket
-                    value = 64e-9 * 2.0**octave * (1.0 + (step + inside) / 16.0)
+                    value = _edge(i) + inside * (_edge(i + 1) - _edge(i))
                     break
                 below += n
             cuts.append(min(value, worst))
         return cls(count, cuts[0], cuts[1], cuts[2], worst)
+
+
+def _edge(bucket: int) -> float:
+    """Lower edge of a bucket of a ``sj_histogram``, seconds; the first one begins at 0."""
+    octave, step = divmod(bucket, 16)
+    return 64e-9 * 2.0**octave * (1.0 + step / 16.0)
 
 
 @dataclass(frozen=True)
@@ -161,15 +175,21 @@ class Feedback:
 
     @property
     def timing(self) -> Timing:
-        """The cycle-time report up to this cycle."""
+        """The cycle-time report from the kernel's start up to this cycle."""
+        return self._timing(None)
+
+    def timing_since(self, earlier: Feedback) -> Timing:
+        """The cycle-time report of the cycles after ``earlier``, a frame of the same kernel."""
+        return self._timing(earlier._frame)
+
+    def _timing(self, since: Any) -> Timing:
         frame = self._frame
-        return Timing(
-            Distribution.of(frame.latency),
-            Distribution.of(frame.period),
-            Distribution.of(frame.computing),
-            int(frame.late),
-            ClockReport.of(frame.clock),
+        latency, period, computing = (
+            Distribution.of(getattr(frame, name), None if since is None else getattr(since, name))
+            for name in ("latency", "period", "computing")
         )
+        late = int(frame.late) - (0 if since is None else int(since.late))
+        return Timing(latency, period, computing, late, ClockReport.of(frame.clock))
 
 
 def limits_of(raw: Any, T: float) -> Limits:
@@ -199,6 +219,7 @@ class EventKind(IntEnum):
     ANCHOR = lib.SJ_EVENT_ANCHOR
     LIMITS = lib.SJ_EVENT_LIMITS
     PATH = lib.SJ_EVENT_PATH
+    REACHED = lib.SJ_EVENT_REACHED
 
 
 @dataclass(frozen=True)
@@ -208,7 +229,8 @@ class Event:
     ``axis`` is None for all. ``code``: of a goal or of limits the ``enum sj_result``, of a state
     the new ``AxisState``, of a path the new ``PathState``, of a fault the drive's 603Fh (-1: homing
     failed). ``value``: the state before, the way-point ahead, the following error (axis unit), or
-    how many cycles were late.
+    how many cycles were late. REACHED: in the frame ``cycle`` all axes of ``goal_id`` are on their
+    goals, to the last bit.
     """
 
     cycle: int

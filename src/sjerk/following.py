@@ -412,8 +412,12 @@ def _left(
     return far | (corner > tolerance)
 
 
-class _Window:
-    """Way-points not handed out yet, the state at the first of them, and its index and cycle."""
+class Window:
+    """Way-points not handed out yet, the state at the first of them, and its index and cycle.
+
+    ``cycle`` (n,) as asked, ``position`` (n, N), ``state``: velocity, acceleration and last jerk
+    (N,) at the first of them, per cycle.
+    """
 
     def __init__(self, joints: int, velocities: bool) -> None:
         self.cycle: IntArray = np.empty(0, dtype=np.int64)  # as asked, from the start
@@ -446,11 +450,11 @@ def _windows(
     fast: bool = False,
 ) -> Iterator[Followed]:
     names: tuple[str, ...] | None = None
-    window, table, begin, latest, total = _Window(0, False), np.empty((0, 3)), 0.0, 0.0, 0
+    window, table, begin, latest, total = Window(0, False), np.empty((0, 3)), 0.0, 0.0, 0
     for piece in pieces:
         if names is None:
             names, begin = piece.joint_names, float(piece.time[0])
-            window = _Window(len(names), use_velocities and piece.velocity is not None)
+            window = Window(len(names), use_velocities and piece.velocity is not None)
             window.fast = fast
             table = limits_per_cycle(piece.limits_in_order(limits), T)
         elif piece.joint_names != names:
@@ -512,7 +516,7 @@ def _doubles(array: FloatArray) -> Any:
     return ffi.from_buffer("double[]", np.ascontiguousarray(array), require_writable=False)
 
 
-def _task(window: _Window, table: FloatArray, T: float, cycles: IntArray) -> tuple[Any, list[Any]]:
+def _task(window: Window, table: FloatArray, T: float, cycles: IntArray) -> tuple[Any, list[Any]]:
     """The ``sj_follow`` of a window's first points, and what keeps its memory."""
     n, joints = len(cycles), window.position.shape[1]
     least = np.diff(window.cycle[:n], prepend=window.cycle[0])
@@ -536,10 +540,10 @@ def _task(window: _Window, table: FloatArray, T: float, cycles: IntArray) -> tup
 
 
 def _hand_out(
-    window: _Window, names: tuple[str, ...], table: FloatArray, T: float, count: int
+    window: Window, names: tuple[str, ...], table: FloatArray, T: float, count: int
 ) -> Followed:
     """Plan all of the window, hand out its first segments, go on from where they end."""
-    n, joints = window.position.shape
+    n, _joints = window.position.shape
     asked = np.diff(window.cycle, prepend=window.cycle[0])
     # Where the plan before looked far enough it is the one to go on with; all of it, if need be; in
     # the end it is a legal motion to a stop, however little lies between the points known.
@@ -561,21 +565,37 @@ def _hand_out(
         raise InputError("limits", table.tolist(), f"takes more than {CYCLES_MAX} cycles")
     if status:
         raise PlanError(f"way-points {window.first} .. {window.first + n - 1}: status {status}")
+    made, states = _read(window, names, T, task, count)
+    del keep
+    window.state = tuple(state[-1].copy() for state in states)
+    window.before = cycles[count + 1 :].copy()
+    window.cycle, window.position = window.cycle[count:], window.position[count:]
+    if window.velocity is not None:
+        window.velocity = window.velocity[count:]
+    window.first += count
+    window.first_cycle += int(made.cycles.sum())
+    return made
+
+
+def _read(
+    window: Window, names: tuple[str, ...], T: float, task: Any, count: int
+) -> tuple[Followed, list[FloatArray]]:
+    """The first segments of a plan, and the states at their knots per cycle."""
+    joints = window.position.shape[1]
     lengths = np.empty((count, 4), dtype=np.int64)
     jerk = np.empty((count, 4, joints))
     states = [np.empty((count + 1, joints)) for _ in range(3)]
     lib.sj_follow_read(
         task, count, ffi.from_buffer("int64_t[]", lengths), _doubles(jerk), *map(_doubles, states)
     )
-    del keep
-    taken = cycles[1 : count + 1]
+    taken: IntArray = lengths.sum(axis=1)
     made = Followed(
         names,
         T,
         window.first,
         window.first_cycle,
-        taken.copy(),
-        taken - asked[1 : count + 1],
+        taken,
+        taken - np.diff(window.cycle[: count + 1]),
         lengths,
         jerk / T**3,
         window.position[: count + 1].copy(),
@@ -583,11 +603,34 @@ def _hand_out(
         states[1] / T**2,
         states[2] / T**3,
     )
-    window.state = tuple(state[-1].copy() for state in states)
-    window.before = cycles[count + 1 :].copy()
-    window.cycle, window.position = window.cycle[count:], window.position[count:]
-    if window.velocity is not None:
-        window.velocity = window.velocity[count:]
-    window.first += count
-    window.first_cycle += int(taken.sum())
-    return made
+    return made, states
+
+
+class Trial:
+    """All of a window planned at once, for whoever chooses the cycles: nothing is handed out."""
+
+    def __init__(
+        self, window: Window, names: tuple[str, ...], table: FloatArray, cycle_time: float
+    ) -> None:
+        """``table`` (N, 3): limits per cycle. The window must not change any more."""
+        self._window, self._names, self._T = window, names, cycle_time
+        self._cycles = np.diff(window.cycle, prepend=window.cycle[0])
+        self._share = np.empty(len(window))
+        self._task, self._keep = _task(window, table, cycle_time, self._cycles)
+
+    def shares(self, cycles: ArrayLike) -> FloatArray:
+        """Largest use of any limit per segment (n,), if the segments take so many ``cycles``."""
+        self._cycles[1:] = cycles
+        lib.sj_follow_shares(self._task, _doubles(self._share))
+        return self._share[1:]
+
+    def stretched(self, begin: ArrayLike) -> Followed | None:
+        """Limits kept, from these cycles on, as ``follow`` does it; None: that leads nowhere."""
+        self._cycles[1:] = begin
+        if lib.sj_follow_plan(self._task) != lib.SJ_FOLLOW_OK:
+            return None
+        return self.read()
+
+    def read(self) -> Followed:
+        """The segments of what was solved last; ``stretch`` counts from the window's cycles."""
+        return _read(self._window, self._names, self._T, self._task, len(self._cycles) - 1)[0]

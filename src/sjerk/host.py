@@ -21,6 +21,7 @@ from sjerk.errors import (
     InputError,
     KernelGoneError,
     MotionStoppedError,
+    QueueFullError,
     RefusedError,
     SegmentLayoutError,
     SjerkError,
@@ -36,6 +37,16 @@ from sjerk.profile import Limits, State
 Target = float | State
 Axes = int | Iterable[int] | None
 Direction = Literal["direct", "shortest", "positive", "negative"]
+Buffer = Literal["aborting", "buffered", "blend low", "blend previous", "blend next", "blend high"]
+
+_MODES: dict[str, int] = {
+    "aborting": lib.SJ_BUFFER_ABORTING,
+    "buffered": lib.SJ_BUFFER_BUFFERED,
+    "blend low": lib.SJ_BUFFER_LOW,
+    "blend previous": lib.SJ_BUFFER_PREVIOUS,
+    "blend next": lib.SJ_BUFFER_NEXT,
+    "blend high": lib.SJ_BUFFER_HIGH,
+}
 
 #: Why a goal was refused, by ``enum sj_result``.
 REASONS = {
@@ -59,11 +70,11 @@ _HOST_SHIFT = 40
 
 
 @cache
-def layout(axes: int) -> Layout:
-    """Layout of the segment of a kernel with so many axes."""
+def layout(axes: int, *, clocked: bool = True) -> Layout:
+    """Layout of the segment of a kernel with so many axes; ``clocked``: in a process of its own."""
     return Layout(
         command_bytes=lib.sj_command_bytes(axes),
-        feedback_bytes=lib.sj_feedback_bytes(axes),
+        feedback_bytes=lib.sj_feedback_bytes(axes) - (0 if clocked else lib.sj_feedback_times()),
         record_bytes=lib.sj_record_bytes(axes),
         record_capacity=_RECORDS,
         event_bytes=ffi.sizeof("sj_kernel_event"),
@@ -92,7 +103,8 @@ def axes_of(segment: Segment) -> int:
     """How many axes the kernel of a segment has; raises SegmentLayoutError for another version."""
     whole, one = lib.sj_command_bytes(1), lib.sj_command_bytes(2) - lib.sj_command_bytes(1)
     axes = (segment.layout.command_bytes - whole) // one + 1
-    if not 1 <= axes <= lib.SJ_AXES or segment.layout != layout(axes):
+    known = (layout(axes, clocked=clocked) for clocked in (True, False))
+    if not 1 <= axes <= lib.SJ_AXES or segment.layout not in known:
         raise SegmentLayoutError(f"{segment.name!r} is of another version", name=segment.name)
     return int(axes)
 
@@ -104,6 +116,7 @@ class MoveState(Enum):
     """What has become of a move."""
 
     SENT = "sent"
+    QUEUED = "queued"
     MOVING = "moving"
     DONE = "done"
     STOPPED = "stopped"
@@ -116,13 +129,26 @@ def _reached(axis: Any, goal: State, known: bool) -> bool:
     return bool(axis.settled or (known and not axis.moving and axis.position == goal.position))
 
 
+_OPEN = (MoveState.SENT, MoveState.QUEUED, MoveState.MOVING)
+
+
 class Move:
     """Handle of one commanded motion; ``await move`` does what ``wait`` does."""
 
     def __init__(
-        self, host: Host, goal_id: int, targets: dict[int, State], *, known: bool = True
+        self,
+        host: Host,
+        goal_id: int,
+        targets: dict[int, State],
+        *,
+        known: bool = True,
+        number: int = 0,
     ) -> None:
-        """Not for callers: ``Host.move`` makes it. ``known``: the targets are positions."""
+        """Not for callers: ``Host.move`` makes it.
+
+        ``known``: the targets are positions. ``number``: in the look-ahead ring, of a queued move.
+        """
+        self._number = number
         self._host = host
         self._goal_id = goal_id
         self._targets = targets
@@ -145,16 +171,26 @@ class Move:
         return {i: float(frame.axis[i].position) for i in self._targets}
 
     def _state(self, frame: Any) -> MoveState:
-        if frame.result_goal_id < self._goal_id:
+        host, queued = self._host, self._number > 0
+        if not queued and frame.result_goal_id < self._goal_id:
             return MoveState.SENT
-        result = self._host._result(self._goal_id, frame)
+        result = host._result(self._goal_id, frame)
         if result is None:
+            if queued:
+                return host._waiting(self._number)
             return MoveState.SUPERSEDED  # overwritten before the kernel saw it
         if result[0] != lib.SJ_RESULT_ACCEPTED:
-            return MoveState.REFUSED
+            never = {lib.SJ_RESULT_SUPERSEDED: MoveState.SUPERSEDED}
+            if queued:
+                never[lib.SJ_RESULT_STOPPED] = MoveState.STOPPED
+            return never.get(result[0], MoveState.REFUSED)
         axes = [frame.axis[i] for i in self._targets]
+        if host._was_reached(self._goal_id):
+            return MoveState.DONE
         if any(axis.goal_id > self._goal_id for axis in axes):
             return MoveState.SUPERSEDED
+        if any(axis.goal_id < self._goal_id for axis in axes):
+            return MoveState.MOVING  # its answer is newer than the frame
         if all(
             _reached(a, goal, self._known)
             for a, goal in zip(axes, self._targets.values(), strict=True)
@@ -164,19 +200,27 @@ class Move:
 
     @property
     def done(self) -> bool:
-        """Whether the command has settled on the goal."""
+        """Whether the command has settled on the goal, or passed it for a queued move."""
         return self.state is MoveState.DONE
 
     def accepted(self, timeout: float | None = 5.0) -> None:
         """Return when the kernel has taken it; raises as ``wait`` does."""
         self._host._wait_until(
-            lambda frame: self._state(frame) is not MoveState.SENT, timeout, "an answer"
+            lambda frame: self._state(frame) not in (MoveState.SENT, MoveState.QUEUED),
+            timeout,
+            "an answer",
         )
         self._raise()
 
     def cancel(self) -> None:
-        """Halt the axes of this move, together; nothing if it is over or replaced."""
-        if self.state in (MoveState.SENT, MoveState.MOVING):
+        """Halt the axes of this move, together; nothing if it is over or replaced.
+
+        A queued move and all behind it on its axes are not begun; the one before comes to rest on
+        its goal. Where it is already so near that it passes, it comes to rest behind it.
+        """
+        if self._number and self.state in (MoveState.SENT, MoveState.QUEUED):
+            self._host._cancel(self._number, self._targets)
+        if self.state is MoveState.MOVING or (not self._number and self.state is MoveState.SENT):
             self._host._count("halts", self._targets)
 
     def wait(self, timeout: float | None = None) -> None:
@@ -185,9 +229,8 @@ class Move:
         Raises RefusedError (with the reason), SupersededError (a newer goal), MotionStoppedError
         (stopped on the way), KernelGoneError, TimeoutError.
         """
-        ended = (MoveState.SENT, MoveState.MOVING)
         self._host._wait_until(
-            lambda frame: self._state(frame) not in ended, timeout, f"move to {self._targets}"
+            lambda frame: self._state(frame) not in _OPEN, timeout, f"move to {self._targets}"
         )
         self._raise()
 
@@ -195,7 +238,7 @@ class Move:
         return self._settle().__await__()
 
     async def _settle(self) -> None:
-        while self.state in (MoveState.SENT, MoveState.MOVING):
+        while self.state in _OPEN:
             self._host._alive("a move")
             await asyncio.sleep(1e-3)
         self._raise()
@@ -225,6 +268,8 @@ class _Reader:
         self._cyclic = cyclic
         self._closed = False
         self._buffer = ffi.new("sj_feedback *")
+        times = 0 if cyclic else lib.sj_feedback_times()
+        self._into = ffi.cast("char *", self._buffer) + times
         self._sequence = ffi.new("uint64_t *")
         self._event = ffi.new("sj_kernel_event *")
         self._missed = ffi.new("uint64_t *")
@@ -262,7 +307,7 @@ class _Reader:
         if self._closed:
             raise SjerkError("this host has left its kernel")
         while True:
-            status = lib.sj_feedback_read(self._segment.base, self._buffer, self._sequence)
+            status = lib.sj_feedback_read(self._segment.base, self._into, self._sequence)
             if status != lib.SJ_SHM_LAPPED:
                 break
         return self._buffer if self._segment.check(status) else None
@@ -348,6 +393,9 @@ class Host(_Reader):
         self._command.override = 1.0
         self._cursor = ffi.new("uint64_t *", lib.sj_event_latest(segment.base))
         self._results: dict[int, tuple[int, int]] = {}
+        self._arrived: dict[int, int] = {}  # the cycle in which a goal was reached
+        self._flushed = 0
+        self._cancelled = 0  # number of the command that cancelled last
         self._path_states: dict[int, int] = {}
         self._lock = threading.Lock()  # cffi lets other threads run: two would write as one
         self._T = 0.0
@@ -412,19 +460,38 @@ class Host(_Reader):
             lib.sj_shm_leave_host(self._segment.base)
             self._segment.close()
 
+    def _look(self) -> None:
+        """Read what the events say of goals."""
+        with self._lock:
+            while self._next_event(self._cursor):
+                event = self._event
+                if event.kind == EventKind.GOAL:
+                    self._results[event.goal_id] = (event.code, event.axis)
+                    self._results.pop(event.goal_id - _RESULTS, None)
+                elif event.kind == EventKind.PATH:
+                    self._path_states[event.goal_id] = event.code
+                    self._path_states.pop(event.goal_id - _RESULTS, None)
+                elif event.kind == EventKind.REACHED:
+                    self._arrived[event.goal_id] = event.cycle
+                    self._arrived.pop(event.goal_id - _RESULTS, None)
+
     def _result(self, goal_id: int, frame: Any) -> tuple[int, int] | None:
         """Result and axis of a goal that the kernel has passed; None: it never saw it."""
         if frame.result_goal_id == goal_id:
             return frame.result, frame.result_axis
-        with self._lock:
-            while self._next_event(self._cursor):
-                if self._event.kind == EventKind.GOAL:
-                    self._results[self._event.goal_id] = (self._event.code, self._event.axis)
-                    self._results.pop(self._event.goal_id - _RESULTS, None)
-                elif self._event.kind == EventKind.PATH:
-                    self._path_states[self._event.goal_id] = self._event.code
-                    self._path_states.pop(self._event.goal_id - _RESULTS, None)
+        self._look()
         return self._results.get(goal_id)
+
+    def _was_reached(self, goal_id: int) -> bool:
+        self._look()
+        return goal_id in self._arrived
+
+    def _waiting(self, number: int) -> MoveState:
+        """Of a record without an answer."""
+        if number <= self._flushed:
+            return MoveState.STOPPED
+        taken = lib.sj_ring_taken(self._segment.base) >= number
+        return MoveState.QUEUED if taken else MoveState.SENT
 
     # ---- commanding
 
@@ -473,6 +540,23 @@ class Host(_Reader):
             self._publish()
             return int(self._command.sequence)
 
+    def _cancel(self, number: int, axes: Iterable[int]) -> None:
+        """Records from this number on are not to be begun on these axes."""
+        chosen = sum(1 << i for i in axes)
+        self._taken(self._cancelled, 5.0, "the cancellation before")
+        with self._lock:
+            command, frame = self._command, self._read()
+            if frame is not None and frame.sequence < self._cancelled:  # the kernel has not seen it
+                number = min(number, command.cancel_from)
+                chosen |= command.cancel_axes
+            command.cancel_from = number
+            command.cancel_to = lib.sj_ring_published(self._segment.base)
+            command.cancel_axes = chosen
+            command.cancels = (command.cancels + 1) % 2**32
+            self._publish()
+            self._cancelled = int(command.sequence)
+        self._taken(self._cancelled, 5.0, "the cancellation")
+
     def _taken(self, sequence: int, timeout: float | None, what: str) -> None:
         if self._cyclic:
             self._wait_until(lambda frame: frame.sequence >= sequence, timeout, what)
@@ -515,6 +599,7 @@ class Host(_Reader):
         frame = self._read()
         if frame is not None and frame.ring_spoilt:
             lib.sj_ring_flush(self._segment.base)
+            self._flushed = lib.sj_ring_published(self._segment.base)
         self._taken(self._count("resets", self._chosen(axes)), timeout, "the reset")
 
     def halt(self, timeout: float | None = 30.0, *, axes: Axes = None) -> None:
@@ -608,6 +693,7 @@ class Host(_Reader):
         min_duration: float = 0.0,
         relative: bool = False,
         direction: Direction = "direct",
+        buffer: Buffer = "aborting",
     ) -> Move:
         """Move to a target: of the one axis, of all axes, or by axis number.
 
@@ -616,10 +702,23 @@ class Host(_Reader):
         state, also during a motion, which the new goal replaces; the same goal under the same
         limits changes nothing. ``limits``: lower ones than the axes' own
         for this move; position limits stay in force.
-        ``direction``: of axes that wrap, which way to a position within the turn. Returns at once;
-        the handle tells the rest. Raises InputError for what is no target; a refusal by the kernel
-        is raised by ``Move.wait``.
+        ``direction``: of axes that wrap, which way to a position within the turn.
+
+        ``buffer``, as in PLCopen: ``"aborting"`` replaces at once, and clears the queue of its
+        axes; ``"buffered"`` begins in the cycle after the one before is done; a blend lets the one
+        before pass its goal at the lower of both velocities, at its own (previous), at the new
+        one's (next), or at the higher, as far as both ways and limits allow. Relative: from the
+        goal before.
+
+        Returns at once; the handle tells the rest. Raises InputError for what is no target, and
+        QueueFullError; a refusal by the kernel is raised by ``Move.wait``.
         """
+        if buffer not in _MODES:
+            raise InputError("buffer", buffer, f"must be one of {', '.join(_MODES)}")
+        if buffer != "aborting" and direction != "direct":
+            raise InputError("direction", direction, "a queued move has no place yet to turn from")
+        if buffer.startswith("blend") and synchronization == "phase":
+            raise InputError("synchronization", "phase", "begins and ends at rest, without a blend")
         targets = self._targets(target)
         code, least = code_of(synchronization), cycles_of(min_duration, self._T)
         own = self._lower(limits, targets)
@@ -630,6 +729,8 @@ class Host(_Reader):
                 free = replace(within, position=None) if relative else within
                 check_target(f"target[{i}]", goal, free)
         kind = lib.SJ_GOAL_RELATIVE if relative else lib.SJ_GOAL_ABSOLUTE
+        if buffer != "aborting":
+            return self._queue(kind, targets, own, code, least, _MODES[buffer])
         return self._goal(kind, targets, own, code, least)
 
     def follow(
@@ -710,17 +811,43 @@ class Host(_Reader):
             command.synchronization, command.least_cycles = code, least
             for i in range(self._axes):
                 entry = command.axis[i].goal
-                entry.kind = kind if i in targets else lib.SJ_GOAL_NONE
                 if i in targets:
-                    entry.goal = targets[i].position
-                    entry.goal_velocity = targets[i].velocity * self._T
-                    rows = own[i]._per_cycle(self._T)
-                    ffi.memmove(ffi.addressof(entry, "limits"), rows, len(rows))
+                    self._fill(entry, kind, targets[i], own[i])
+                else:
+                    entry.kind = lib.SJ_GOAL_NONE
             command.goal_id = self._next_goal()
             command.goal_records = lib.sj_ring_published(self._segment.base)
             self._publish()
             known = kind == lib.SJ_GOAL_ABSOLUTE
             return Move(self, int(command.goal_id), targets, known=known)
+
+    def _queue(
+        self,
+        kind: int,
+        targets: dict[int, State],
+        own: dict[int, Limits],
+        code: int,
+        least: int,
+        mode: int,
+    ) -> Move:
+        record = ffi.new("sj_record *")
+        record.kind, record.mode = lib.SJ_RECORD_MOVE, mode
+        record.synchronization, record.least_cycles = code, least
+        for i, target in targets.items():
+            self._fill(record.axis[i].goal, kind, target, own[i])
+        with self._lock:
+            record.goal_id = self._next_goal()
+            number = self._publish_records(record, 1)
+        if not number:
+            raise QueueFullError(_RECORDS)
+        known = kind == lib.SJ_GOAL_ABSOLUTE
+        return Move(self, int(record.goal_id), targets, known=known, number=number)
+
+    def _fill(self, entry: Any, kind: int, target: State, limits: Limits) -> None:
+        entry.kind, entry.goal = kind, target.position
+        entry.goal_velocity = target.velocity * self._T
+        rows = limits._per_cycle(self._T)
+        ffi.memmove(ffi.addressof(entry, "limits"), rows, len(rows))
 
     def _turned(self, targets: dict[int, State], direction: str) -> dict[int, State]:
         """Goals of axes that wrap, by the way that is asked for."""

@@ -31,6 +31,7 @@ from sjerk.host import Host, layout
 from sjerk.profile import Limits
 
 _numbers = itertools.count(1)
+_ONE, _step = 1, lib.sj_kernel_step
 _TAPPED = 64  # cycles between two looks at the trace of an own loop
 
 
@@ -162,6 +163,15 @@ def _rows(kernel: Any, field: str, axes: int) -> NDArray[Any]:
     return np.frombuffer(ffi.buffer(kernel), dtype=dtype, count=axes, offset=offset)
 
 
+def _commanded(kernel: Any, axes: int) -> NDArray[np.float64]:
+    """The commanded positions on the kernel's own memory, which the view keeps alive."""
+    size = ffi.sizeof("sj_axis")
+    offset = ffi.offsetof("sj_kernel", "axis") + ffi.offsetof("sj_axis", "interpolator", "q", "hi")
+    view = np.ndarray((axes,), np.float64, ffi.buffer(kernel), offset, (size,))
+    view.flags.writeable = False
+    return view
+
+
 def _format(name: str, size: int) -> str:
     return f"{'u' if name.startswith('u') else 'i'}{size}"
 
@@ -220,7 +230,9 @@ class MotionKernel:
         )  # checks everything now
         self._host: Host | None = None
         self._image: Image | None = None
+        self._positions: NDArray[np.float64] | None = None
         self._ended = False
+        self._steps = False  # in the caller's own loop, and nobody looks on
 
     @property
     def name(self) -> str:
@@ -281,7 +293,7 @@ class MotionKernel:
 
     def __exit__(self, *_: object) -> None:
         """Stop the motion along its ramp, disable the drives, end the process."""
-        self._ended = True
+        self._ended, self._steps = True, False
         if self._host is not None:
             self._host.close()
         if self._process is not None:
@@ -347,8 +359,23 @@ class MotionKernel:
             self._image = Image(_rows(self._kernel, "rx", n), _rows(self._kernel, "tx", n))
         return self._image
 
+    @property
+    def positions(self) -> NDArray[np.float64]:
+        """Commanded positions (axes,) in axis units, for a caller's own loop: a live view.
+
+        Made once and read-only: ``step`` changes what it shows; ``positions.copy()`` keeps a cycle.
+        """
+        if self._process is not None:
+            raise SjerkError("the kernel runs in its process: Host.feedback tells its positions")
+        if self._positions is None:
+            self._positions = _commanded(self._kernel, len(self._axes))
+        return self._positions
+
     def step(self, cycles: int = 1) -> None:
         """One cycle in the caller's own loop, or many: collect, interpolate, drive, publish."""
+        if cycles is _ONE and self._steps:  # the loop of a caller: nothing else to check
+            _step(self._kernel)
+            return
         if self._process is not None:
             raise SjerkError("the kernel runs in its process: step() is for a kernel without one")
         if self._ended:
@@ -373,13 +400,15 @@ class MotionKernel:
             self._trace = Segment.private(trace.layout(len(self._axes), self._T, len(text)))
             lib.sj_feedback_publish(self._trace.base, text)
             self._kernel.trace = self._trace.base
-        self._tap = tap
+        self._tap, self._steps = tap, tap is None
         return self._trace
 
     def _private_segment(self) -> None:
         if self._segment is None:
-            self._segment = Segment.private(layout(len(self._axes)))
+            self._segment = Segment.private(layout(len(self._axes), clocked=False))
             self._kernel.segment = self._segment.base
+            self._kernel.own_loop = 1
+            self._steps = True
 
 
 def _build(axes: Sequence[Axis], cycle_time: float, reactions: Reactions, base: Any) -> Any:

@@ -44,7 +44,7 @@ def layout(axes: int, cycle_time: float, description: int) -> Layout:
 @cache
 def _abi() -> int:
     text = str([frame_dtype(1).descr, command_dtype(1).descr, event_dtype().descr])
-    text += str(_dtype(ffi.typeof("sj_record"), 1).descr)
+    text += str(record_dtype(1).descr)
     return int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "little")
 
 
@@ -95,6 +95,12 @@ def frame_dtype(axes: int) -> np.dtype[Any]:
 def command_dtype(axes: int) -> np.dtype[Any]:
     """One ``sj_command`` of so many axes."""
     return _dtype(ffi.typeof("sj_command"), axes)
+
+
+@cache
+def record_dtype(axes: int) -> np.dtype[Any]:
+    """One ``sj_record`` of so many axes."""
+    return _dtype(ffi.typeof("sj_record"), axes)
 
 
 @cache
