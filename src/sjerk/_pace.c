@@ -78,7 +78,7 @@ static int32_t place(const sj_track *track, sj_run *run, double *position, doubl
         memcpy(position, run->past[0], bytes);
         return track->count > 0 ? 0 : -1;
     }
-    if (track->whole && cell >= track->end) {
+    if (track->whole && ahead_of(pace, track->end) <= 0.0) {
         memcpy(position, track->way_point, bytes);
         return 0;
     }
@@ -297,8 +297,8 @@ static int32_t set_up(sj_player *player, int32_t *work)
         if (player->next_kind != SJ_SEARCH_NONE && search->begin >= player->next_at)
             return -1;
         to = from + (search->to - from) * share_of[search->share];
-        if (to > player->below && to < 1.0)
-            return -1;
+        if ((to > player->below && to < 1.0) || (to > 1.0 && search->kind != SJ_SEARCH_AWAY))
+            return -1; /* no speed that can last */
     }
     if (run_ahead(&player->track, search, delay, work) != 0)
         return -1;
