@@ -1,6 +1,6 @@
 """Streamed goals: each interrupting the last, and with look-ahead.
 
-    python examples/06_streamed_goals.py [picture.png]
+    python examples/07_streamed_goals.py [picture.png]
 
 A recorded path of a robot's joint comes in at 10 Hz. Interrupted, the joint slows down before every
 goal; a stream with look-ahead runs four goal periods behind and goes through them.
@@ -61,7 +61,7 @@ for name, position in runs.items():
     panel["position / deg"].append(Curve(name, t, position))
     panel["velocity / (deg/s)"].append(Curve(name, t, velocity))
 panels(
-    Path(sys.argv[1]) if len(sys.argv) > 1 else Path("06_streamed_goals.png"),
+    Path(sys.argv[1]) if len(sys.argv) > 1 else Path("07_streamed_goals.png"),
     "goals at 10 Hz",
     panel,
     {"velocity / (deg/s)": limits.velocity},
