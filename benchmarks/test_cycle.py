@@ -75,8 +75,8 @@ def test_virtual_time(report: Report, drive: str) -> None:
     assert done.identical
     report.line(
         "virtual time, seven axes at 1 ms, times real time (best of 5)",
-        f"{drive:10} simulate {max(speeds):6.0f} (goal {goal}; by processor time {max(shares):6.0f})"
-        f"   replay {done.speed:6.0f}",
+        f"{drive:10} simulate {max(speeds):6.0f} (goal {goal}), by processor time "
+        f"{max(shares):6.0f}; replay {done.speed:6.0f}",
     )
 
 
