@@ -42,6 +42,7 @@ int32_t sj_kernel_init(sj_kernel *kernel, void *segment, int32_t axes, double cy
     kernel->reaction[SJ_CAUSE_DRIVE_FAULT] = SJ_REACT_HALT;
     kernel->reaction[SJ_CAUSE_FOLLOWING_ERROR] = SJ_REACT_QUICK_STOP;
     kernel->reaction[SJ_CAUSE_SPOILT] = SJ_REACT_HALT;
+    kernel->reaction[SJ_CAUSE_SYNC_LOST] = SJ_REACT_HALT;
     kernel->feedback.axes = axes;
     kernel->feedback.result_axis = -1;
     kernel->feedback.cycle_time_s = cycle_time_s;
@@ -155,11 +156,12 @@ static void observe(sj_kernel *kernel, int32_t i)
     sj_axis *ax = &kernel->axis[i];
     const sj_drive_tx *tx = &kernel->tx[i];
     uint32_t change = (uint32_t)tx->position_actual - (uint32_t)ax->actual_counts;
-    int32_t followed = ax->following, fault = sj_master_fault(tx->statusword);
+    int32_t followed = ax->following, stale = ax->config.external && kernel->stale[i];
+    int32_t fault = sj_master_fault(tx->statusword) || stale;
     int32_t homed = ax->reached && ax->state == SJ_AXIS_HOMING;
 
     ax->actual_counts += (int32_t)change;
-    ax->following = sj_master_follows_position(tx);
+    ax->following = sj_master_follows_position(tx) && !stale;
     if (!ax->following) {
         if (followed)
             sj_ahead_stop(kernel, UINT64_C(1) << i);
@@ -172,11 +174,15 @@ static void observe(sj_kernel *kernel, int32_t i)
         ax->drive_stop = 0;
     if (ax->homing && sj_master_enabled(tx->statusword))
         observe_homing(kernel, i);
+    ax->error |= stale; /* its drive may go on as if nothing had been: until a reset */
     if (fault && ax->state != SJ_AXIS_ERROR_STOP) {
-        sj_cycle_tell(kernel, SJ_EVENT_FAULT, i, tx->error_code, 0.0);
+        int32_t lost = stale || sj_master_lost(tx->error_code);
+        sj_cycle_tell(kernel, lost ? SJ_EVENT_SYNC : SJ_EVENT_FAULT, i, stale ? 0 : tx->error_code,
+                      0.0);
         sj_cycle_trigger(kernel, i, SJ_TRIGGER_FAULT);
         ax->homing = 0;
-        sj_cycle_react(kernel, SJ_CAUSE_DRIVE_FAULT, sj_cycle_all(kernel) & ~(UINT64_C(1) << i));
+        sj_cycle_react(kernel, lost ? SJ_CAUSE_SYNC_LOST : SJ_CAUSE_DRIVE_FAULT,
+                       sj_cycle_all(kernel) & ~(UINT64_C(1) << i));
     }
     if (!fault && !ax->error && ax->state == SJ_AXIS_ERROR_STOP)
         sj_cycle_trigger(kernel, i, SJ_TRIGGER_RESET);

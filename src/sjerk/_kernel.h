@@ -603,6 +603,7 @@ uint16_t sj_master_controlword(uint16_t statusword, int32_t enable, int32_t rese
 int32_t sj_master_enabled(uint16_t statusword);                 /* OPERATION ENABLED */
 int32_t sj_master_follows(uint16_t statusword);                 /* enabled and following, bit 12 */
 int32_t sj_master_fault(uint16_t statusword);                   /* FAULT or its reaction */
+int32_t sj_master_lost(uint16_t error_code);                    /* 603Fh: link or SYNC lost */
 int32_t sj_master_stopping(uint16_t statusword);                /* QUICK STOP ACTIVE */
 int32_t sj_master_follows_position(const sj_drive_tx *tx);      /* follows, in mode CSP */
 int32_t sj_master_homing(const sj_drive_tx *tx);                /* mode 6: 1 attained, -1 error, 0 */
@@ -931,7 +932,8 @@ enum sj_event_kind {
     SJ_EVENT_LIMITS = 8,                /* code: enum sj_result of new limits */
     SJ_EVENT_PATH = 9,                  /* code: new enum sj_path_state, value: way-point ahead */
     SJ_EVENT_REACHED = 10,              /* all axes are on the goal of goal_id, in this frame */
-    SJ_EVENTS = 11
+    SJ_EVENT_SYNC = 11,                 /* the axis lost its master; code: 603Fh, 0: its image is stale */
+    SJ_EVENTS = 12
 };
 
 enum sj_cause {                         /* what a kernel can react to */
@@ -941,7 +943,8 @@ enum sj_cause {                         /* what a kernel can react to */
     SJ_CAUSE_FOLLOWING_ERROR = 3,
     SJ_CAUSE_OVERRUN = 4,
     SJ_CAUSE_SPOILT = 5,
-    SJ_CAUSES = 6
+    SJ_CAUSE_SYNC_LOST = 6,             /* the other axes, as after a fault */
+    SJ_CAUSES = 7
 };
 
 enum sj_reaction { SJ_REACT_NONE = 0, SJ_REACT_HALT = 1, SJ_REACT_QUICK_STOP = 2 };
@@ -1151,7 +1154,8 @@ enum sj_trace_flag {
     SJ_TRACE_FOLLOWS = 4,
     SJ_TRACE_PARKED = 8,
     SJ_TRACE_DRIVE_STOP = 16,
-    SJ_TRACE_LED = 32                   /* by a path */
+    SJ_TRACE_LED = 32,                  /* by a path */
+    SJ_TRACE_STALE = 64
 };
 
 typedef struct {
@@ -1320,6 +1324,7 @@ typedef struct {
     sj_path path;
     sj_drive_rx rx[64];                 /* process image: to the drives, from the drives */
     sj_drive_tx tx[64];
+    int32_t stale[64];                  /* caller: 1, nothing of this drive came in time */
     sj_axis axis[64];
 } sj_kernel;
 

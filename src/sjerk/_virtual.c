@@ -48,6 +48,7 @@ static void give_image(sj_kernel *kernel, const sj_trace_frame *frame)
         tx->velocity_actual = axis->velocity_actual;
         tx->following_error = axis->following_error;
         tx->torque_actual = axis->torque_actual;
+        kernel->stale[i] = (axis->flags & SJ_TRACE_STALE) != 0;
     }
 }
 

@@ -220,6 +220,7 @@ class EventKind(IntEnum):
     LIMITS = lib.SJ_EVENT_LIMITS
     PATH = lib.SJ_EVENT_PATH
     REACHED = lib.SJ_EVENT_REACHED
+    SYNC = lib.SJ_EVENT_SYNC
 
 
 @dataclass(frozen=True)

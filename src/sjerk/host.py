@@ -26,6 +26,7 @@ from sjerk.errors import (
     SegmentLayoutError,
     SjerkError,
     SupersededError,
+    positive,
     real,
 )
 from sjerk.feedback import Event, EventKind, Feedback, limits_of
@@ -400,6 +401,7 @@ class Host(_Reader):
         self._lock = threading.Lock()  # cffi lets other threads run: two would write as one
         self._T = 0.0
         self._goals = 0  # the newest goal id given
+        self._watched = False
         if cyclic:
             self._wait_until(lambda frame: True, 5.0, "the first cycle")
             self._go_on(self._frame())
@@ -493,9 +495,34 @@ class Host(_Reader):
         taken = lib.sj_ring_taken(self._segment.base) >= number
         return MoveState.QUEUED if taken else MoveState.SENT
 
+    # ---- being watched
+
+    def watch(self, timeout: float | None) -> None:
+        """Let the kernel react when this host says nothing for so long (s); None: no longer.
+
+        A command, a reading, a wait, or ``beat`` is a sign of life; ``Reactions.host_silence`` is
+        what follows. For a kernel in its process. Raises InputError, SjerkError.
+        """
+        if not self._cyclic:
+            raise SjerkError("a kernel in a caller's own loop has no time to be silent in")
+        ns = 0 if timeout is None else round(positive("timeout", timeout) * 1e9)
+        self._check_kernel("being watched")
+        lib.sj_shm_watch_host(self._segment.base, ns, lib.sj_clock_now_ns())
+        self._watched = ns > 0
+
+    def beat(self) -> None:
+        """Give a sign of life, where a host that is watched has nothing else to say."""
+        if self._watched and not self._closed:
+            lib.sj_shm_beat_host(self._segment.base, lib.sj_clock_now_ns())
+
+    def _read(self) -> Any | None:
+        self.beat()
+        return super()._read()
+
     # ---- commanding
 
     def _publish(self) -> None:
+        self.beat()
         if self._closed:
             raise SjerkError("this host has left its kernel")
         self._check_kernel("commanding")

@@ -110,7 +110,9 @@ class Reactions:
     """What a kernel does by itself, for all axes; each is also an event.
 
     ``host_silence`` is that of a host which asked to be watched. After a ``drive_fault`` the axis
-    is left to its drive and the others react. ``overrun``: a cycle of the clock was skipped.
+    is left to its drive and the others react; so after ``sync_lost``: the drive tells that link or
+    SYNC is lost (603Fh = 81xxh, 87xxh), or the caller that its image is stale (``Image.stale``).
+    ``overrun``: a cycle of the clock was skipped.
     ``spoilt``: a wild writer in the command. Raises InputError.
 
     >>> Reactions(drive_fault="quick stop").host_death
@@ -123,6 +125,7 @@ class Reactions:
     following_error: Reaction = "quick stop"
     overrun: Reaction = "none"
     spoilt: Reaction = "halt"
+    sync_lost: Reaction = "halt"
 
     def __post_init__(self) -> None:
         for name, value in asdict(self).items():
@@ -141,10 +144,13 @@ class Image:
     Structured arrays (axes,) on the kernel's own memory: ``outputs`` what the kernel wants of the
     drives (``controlword``, ``mode``, ``target_position``, ...), ``inputs`` what they say
     (``statusword``, ``mode_display``, ``position_actual``, ...), in the words of CiA 402.
+    ``stale``, (axes,) int32: set 1 where nothing came from a drive in time, 0 when it does again;
+    the axis is then in ErrorStop until a reset, the others react as ``Reactions.sync_lost`` says.
     """
 
     outputs: NDArray[Any]
     inputs: NDArray[Any]
+    stale: NDArray[np.int32]
 
 
 def _rows(kernel: Any, field: str, axes: int) -> NDArray[Any]:
@@ -356,7 +362,10 @@ class MotionKernel:
             raise SjerkError("the kernel runs in its process: its drives are there")
         if self._image is None:
             n = len(self._axes)
-            self._image = Image(_rows(self._kernel, "rx", n), _rows(self._kernel, "tx", n))
+            stale = np.frombuffer(
+                ffi.buffer(self._kernel), np.int32, n, ffi.offsetof("sj_kernel", "stale")
+            )
+            self._image = Image(_rows(self._kernel, "rx", n), _rows(self._kernel, "tx", n), stale)
         return self._image
 
     @property
