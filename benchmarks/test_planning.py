@@ -19,7 +19,7 @@ import pytest
 from conftest import Report
 from sjerk import Limits, State, plan, plan_many
 from sjerk._binding import ffi, lib
-from sjerk.planning import _PLAN_DTYPE
+from sjerk.planning import _PHASES, _ROOM, _ROW
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 import planner_check as check
@@ -72,7 +72,8 @@ class Rows:
     def __init__(self, r: check.Requests) -> None:
         self.start, self.target = (np.ascontiguousarray(x) for x in (r.start, r.target))
         self.limits = r.limits * np.array([T, T**2, T**3, T**2, T**3])
-        self.raw = np.empty(len(r), dtype=_PLAN_DTYPE)
+        self.rows = np.empty(len(r), dtype=_ROW)
+        self.pool = np.empty(len(r) * _ROOM, dtype=_PHASES)
         self.failed = ffi.new("int64_t *")
 
     def run(self, first: int = 0, n: int | None = None) -> None:
@@ -86,7 +87,9 @@ class Rows:
             2,
             ffi.cast("sj_limits *", ffi.from_buffer(self.limits)) + first,
             1,
-            ffi.cast("sj_plan *", ffi.from_buffer(self.raw)) + first,
+            ffi.cast("sj_row *", ffi.from_buffer(self.rows)) + first,
+            ffi.cast("sj_phase *", ffi.from_buffer(self.pool)),
+            0,
             self.failed,
         )
         assert status == 0

@@ -13,9 +13,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sjerk._binding import ffi, lib
-from sjerk.planning import _PLAN_DTYPE, Plans
+from sjerk.planning import Plans
 
 Array = NDArray[np.float64]
+#: The memory of an `sj_plan`.
+PLAN = np.dtype(
+    [
+        ("cycles", np.int64),
+        ("count", np.int32),
+        ("kind", np.int32),
+        ("velocity", np.float64),
+        ("acceleration", np.float64),
+        ("phase", [("cycles", np.int64), ("jerk", np.float64)], (lib.SJ_PHASES,)),
+    ]
+)
+assert PLAN.itemsize == ffi.sizeof("sj_plan")
 WITHIN = 1.0 + 1e-9
 COARSE = "coarse"
 #: Scale of each unit to radians. In the coarse one a cycle is long: one cycle of jerk is 0.01 to
@@ -220,7 +232,20 @@ def lost_in_product(x: Array, y: Array) -> Array:
     return lost
 
 
-def judge(r: Requests, plans: Plans, T: float, *, change: bool = False) -> dict[str, Array]:
+def whole(r: Requests, plans: Plans, T: float) -> NDArray[Any]:
+    """The plans of ``plan_many`` as the C planner makes them, a row of `PLAN` each."""
+    made = np.zeros(len(r), dtype=PLAN)
+    for name in ("cycles", "count", "kind"):
+        made[name] = plans.rows[name]
+    limits = in_cycles(r, T)[4]
+    made["velocity"], made["acceleration"] = limits[:, 0], np.maximum(limits[:, 1], limits[:, 3])
+    for k in range(int(made["count"].max(initial=0))):
+        used = made["count"] > k
+        made["phase"][used, k] = plans.pool[plans.rows["first"][used] + k]
+    return made
+
+
+def judge(r: Requests, made: NDArray[Any], T: float, *, change: bool = False) -> dict[str, Array]:
     """Largest use of each limit per plan (1 = at the limit), and how far the ends are off.
 
     The velocity is held against `velocity_bound`: the limit, of a start that can keep it.
@@ -239,9 +264,9 @@ def judge(r: Requests, plans: Plans, T: float, *, change: bool = False) -> dict[
     path = np.abs(h).copy()
     bound = velocity_bound(V, A, limits, d)
     total = np.zeros(n, dtype=np.int64)
-    phases = plans.raw["phase"]
-    for k in range(int(plans.phase_counts.max(initial=0))):
-        used = plans.phase_counts > k
+    phases = made["phase"]
+    for k in range(int(made["count"].max(initial=0))):
+        used = made["count"] > k
         cycles = np.where(used, phases["cycles"][:, k], 0)
         J = np.where(used, phases["jerk"][:, k], 0.0)
         total += cycles
@@ -267,7 +292,7 @@ def judge(r: Requests, plans: Plans, T: float, *, change: bool = False) -> dict[
         worst["v"] = np.maximum(worst["v"], np.maximum(np.abs(peak), np.abs(V1)) / bound)
         path += N * np.maximum(np.abs(V), np.abs(V1))
         V, A = V1, A1
-    assert np.array_equal(total, plans.cycles)
+    assert np.array_equal(total, made["cycles"])
     worst["velocity"] = np.abs(V - v1) / vmax
     worst["acceleration"] = np.abs(A) / np.minimum(acc, dec)
     if not change:
@@ -275,60 +300,59 @@ def judge(r: Requests, plans: Plans, T: float, *, change: bool = False) -> dict[
     return worst
 
 
-def _rows(r: Requests, T: float) -> tuple[Plans, Any, Any, list[list[float]]]:
+def _rows(r: Requests, T: float) -> tuple[NDArray[Any], Any, Any, list[list[float]]]:
     """Room for plans, the C view of it and of the limits, and the requests in cycles."""
     h, V, A, v1, limits, _ = in_cycles(r, T)
-    raw = np.zeros(len(h), dtype=_PLAN_DTYPE)
-    made = ffi.cast("sj_plan *", ffi.from_buffer(raw))
+    made = np.zeros(len(h), dtype=PLAN)
     limits = np.ascontiguousarray(limits)
     rows = np.column_stack([h, V, A, v1]).tolist()
     return (
-        Plans(raw["cycles"], T, raw),
         made,
+        ffi.cast("sj_plan *", ffi.from_buffer(made)),
         (ffi.cast("sj_limits *", ffi.from_buffer(limits)), limits),
         rows,
     )
 
 
-def changes(r: Requests, T: float) -> Plans:
+def changes(r: Requests, T: float) -> NDArray[Any]:
     """Plans of changes of velocity from the states behind the requests."""
-    plans, made, (limits, _keep), rows = _rows(r, T)
+    made, plans, (limits, _keep), rows = _rows(r, T)
     for i, (_, v, a, v1) in enumerate(rows):
-        status = lib.sj_plan_velocity(v, a, v1, limits + i, made + i)
+        status = lib.sj_plan_velocity(v, a, v1, limits + i, plans + i)
         assert status == lib.SJ_PLAN_OK, (i, status, r.start[i], r.target[i], r.limits[i])
-    return plans
+    return made
 
 
-def stretched(r: Requests, T: float, lengths: NDArray[np.int64]) -> Plans:
+def stretched(r: Requests, T: float, lengths: NDArray[np.int64]) -> NDArray[Any]:
     """Plans of given lengths, or of the next that works where the target moves."""
-    plans, made, (limits, _keep), rows = _rows(r, T)
+    made, plans, (limits, _keep), rows = _rows(r, T)
     for i, (row, length) in enumerate(zip(rows, lengths.tolist(), strict=True)):
-        status = lib.sj_plan_duration(*row, limits + i, length, made + i)
+        status = lib.sj_plan_duration(*row, limits + i, length, plans + i)
         blocked = status == lib.SJ_PLAN_BLOCKED and row[3] != 0.0
         assert status == lib.SJ_PLAN_OK or blocked, (i, status, row, r.limits[i])
-        cycles = int(plans.cycles[i])
+        cycles = int(made["cycles"][i])
         assert cycles > length if blocked else cycles == length
-    return plans
+    return made
 
 
-def together(r: Requests, T: float, axes: int) -> Plans:
+def together(r: Requests, T: float, axes: int) -> NDArray[Any]:
     """Plans of several axes each, of one length."""
-    plans, made, (limits, _keep), rows = _rows(r, T)
+    made, plans, (limits, _keep), rows = _rows(r, T)
     for i in range(0, len(rows), axes):
-        status = lib.sj_plan_together(axes, rows[i : i + axes], limits + i, 0, made + i)
+        status = lib.sj_plan_together(axes, rows[i : i + axes], limits + i, 0, plans + i)
         assert status == lib.SJ_PLAN_OK, (i, status, rows[i : i + axes])
-        assert len(set(plans.cycles[i : i + axes].tolist())) == 1
-    return plans
+        assert len(set(made["cycles"][i : i + axes].tolist())) == 1
+    return made
 
 
-def lands(r: Requests, plans: Plans, T: float) -> Array:
+def lands(r: Requests, made: NDArray[Any], T: float) -> Array:
     """What the interpolator has to spread per plan, in units in the last place of the way.
 
     Takes every plan over by the C interpolator (exact sums): refusal would mean a miss. The last
     sample is then the goal bit for bit.
     """
     ip, state = ffi.new("sj_interpolator *"), ffi.new("sj_state *")
-    made = ffi.cast("sj_plan *", ffi.from_buffer(plans.raw))
+    plans = ffi.cast("sj_plan *", ffi.from_buffer(made))
     spread = np.zeros(len(r))
     start, load = lib.sj_interpolator_start, lib.sj_interpolator_load
     for i, ((q, v, a), (q1, v1)) in enumerate(
@@ -336,7 +360,7 @@ def lands(r: Requests, plans: Plans, T: float) -> Array:
     ):
         state.position, state.velocity, state.acceleration = q, v * T, a * T * T
         start(ip, state)
-        status = load(ip, made + i, q1, v1 * T, 0)
+        status = load(ip, plans + i, q1, v1 * T, 0)
         assert status == lib.SJ_LOAD_OK, (i, status, r.start[i], r.target[i], r.limits[i])
         spread[i] = ip.spread_q.hi * ip.ahead
     return spread

@@ -89,6 +89,12 @@ def test_a_person_runs_a_kernel_by_commands(tmp_path: Path) -> None:
         code, after = say("stop", "--quick")
         assert code == 0
         assert after["axes"][0]["velocity"] == 0.0
+        assert say("move", "0=-10", "--no-wait")[0] == 0
+        assert say("move", "0=-12", "--buffer", "blend low", "--no-wait")[0] == 0
+        code, after = say("move", "0=-13", "--buffer", "buffered")
+        assert code == 0
+        assert after["axes"][0]["position"] == -13.0
+        assert sjerk("move", "0=1", "--buffer", "sometime", "--name", name).returncode == 2
         code, after = say("jog", "0=-2", "1=2")
         assert code == 0
         code, after = say("status")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import pickle
 import sys
 from fractions import Fraction
 
@@ -389,11 +390,12 @@ def test_random_states_in_every_unit(
     while done < total:
         n = min(20_000, total - done)
         r, cycle_time = drawn(rng, n, unit, kind, asymmetric=asymmetric)
-        plans = plan_many(r.start, r.target, r.limits, cycle_time)
-        worst_of(worst, check.judge(r, plans, cycle_time), r)
-        spread = np.abs(check.lands(r, plans, cycle_time))
-        per_cycle = r.limits[:, 0] * cycle_time + np.abs(plans.raw["phase"]["jerk"][:, 0])
-        way = np.abs(r.start[:, 0]) + np.abs(r.target[:, 0]) + plans.cycles * per_cycle
+        made = check.whole(r, plan_many(r.start, r.target, r.limits, cycle_time), cycle_time)
+        worst_of(worst, check.judge(r, made, cycle_time), r)
+        spread = np.abs(check.lands(r, made, cycle_time))
+        jerk = np.abs(made["phase"]["jerk"]).max(axis=1)
+        way = np.abs(r.start[:, 0]) + np.abs(r.target[:, 0])
+        way += made["cycles"] * (r.limits[:, 0] * cycle_time + jerk)
         longest_ulps = max(longest_ulps, float(np.max(spread / np.spacing(way))))
         done += n
         if total > 100_000:
@@ -424,14 +426,14 @@ def test_random_states_in_every_way(
         kind = str(rng.choice(["start", "target"]))
         r, cycle_time = drawn(rng, n, unit, kind, asymmetric=asymmetric)
         if what == "velocity":
-            plans = check.changes(r, cycle_time)
+            made = check.changes(r, cycle_time)
         elif what == "length":
             shortest = plan_many(r.start, r.target, r.limits, cycle_time).cycles
             more = 10.0 ** rng.uniform(0, 2, n) + shortest * rng.choice([0.0, 1.0], n)
-            plans = check.stretched(r, cycle_time, shortest + more.astype(np.int64))
+            made = check.stretched(r, cycle_time, shortest + more.astype(np.int64))
         else:
-            plans = check.together(r, cycle_time, 4)
-        worst_of(worst, check.judge(r, plans, cycle_time, change=what == "velocity"), r)
+            made = check.together(r, cycle_time, 4)
+        worst_of(worst, check.judge(r, made, cycle_time, change=what == "velocity"), r)
         done += n
         if total > 100_000:
             told(capsys, f"\r{unit} {what} {(asymmetric and 'uneven') or 'even'}: {done}")
@@ -486,6 +488,21 @@ def test_plan_many_is_plan(request_: tuple[State, State, Limits, float]) -> None
     assert [(p.cycles, p.jerk) for p in one.phases] == list(
         zip(cycles.tolist(), jerks.tolist(), strict=True)
     )
+
+
+def test_many_plans_are_one_by_one_whatever_the_number_and_survive_pickling() -> None:
+    """Rows planned in several threads are those of `plan`; pickled, only what is used is kept."""
+    r = check.draw(np.random.default_rng(17), 20_000, "target", asymmetric=True)
+    plans = plan_many(r.start, r.target, r.limits, T)
+    memory = pickle.dumps(plans)
+    assert len(memory) < 600 * len(plans)
+    again = pickle.loads(memory)
+    for i in (0, 1, 9_999, 10_000, 19_999):
+        start, end, limit = State(*r.start[i]), State(*r.target[i]), Limits(*r.limits[i])
+        one = [(p.cycles, p.jerk) for p in plan(start, end, limit, T).phases]
+        for many in (plans, again):
+            cycles, jerks = many.phases(i)
+            assert list(zip(cycles.tolist(), jerks.tolist(), strict=True)) == one
 
 
 # ---- several axes --------------------------------------------------------------------------------

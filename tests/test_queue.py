@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from collections import Counter
 from dataclasses import dataclass, replace
 
@@ -26,6 +28,7 @@ from sjerk import (
     plan_velocity,
 )
 from sjerk._binding import ffi, lib
+from sjerk.host import Monitor
 
 T = 1e-3
 COUNTS = 2**24 / 360.0
@@ -639,3 +642,51 @@ def test_a_thousand_short_moves_run_through_the_ring_of_a_process() -> None:
         assert end.axes[0].position == pytest.approx(start[0] + 50.0, abs=1e-9)
         assert end.axes[1].position == pytest.approx(start[1] + 37.5, abs=1e-9)
         assert host._frame().corrupt == 0
+
+
+CHAIN = """
+import sys
+from sjerk import Host
+host = Host.attach(sys.argv[1])
+host.enable()
+for n in range(200):
+    host.move([1.0, -2.0], relative=True, buffer="blend high")
+print("queued", flush=True)
+sys.stdin.read()
+"""
+
+
+@pytest.mark.parametrize("begun", [1, 3, 7])
+def test_a_killed_host_leaves_no_move_of_its_chain_without_an_answer(begun: int) -> None:
+    """Kill -9 while the chain runs: at rest, the rest of it stopped, and the next host goes on."""
+    with MotionKernel([Axis(OWN, COUNTS)] * 2, T) as kernel, Monitor.attach(kernel.name) as monitor:
+        child = subprocess.Popen(
+            [sys.executable, "-c", CHAIN, kernel.name],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+        )
+        assert child.stdin is not None
+        assert child.stdout is not None
+        with child.stdin, child.stdout:
+            assert child.stdout.readline() == b"queued\n"
+            answers: list[tuple[int, int]] = []
+            reached = 0
+            while len(answers) < 200:
+                events, missed = monitor.events()
+                assert missed == 0
+                answers += [(e.goal_id, e.code) for e in events if e.kind is EventKind.GOAL]
+                reached += sum(e.kind is EventKind.REACHED for e in events)
+                if reached >= begun:
+                    child.kill()
+            child.wait()
+        while monitor.feedback().moving:
+            pass
+        codes = Counter(code for _, code in answers)
+        assert set(codes) == {lib.SJ_RESULT_STOPPED, lib.SJ_RESULT_ACCEPTED}
+        assert codes[lib.SJ_RESULT_ACCEPTED] >= begun
+        assert len({goal_id for goal_id, _ in answers}) == 200
+        assert all(axis.velocity == 0.0 for axis in monitor.feedback().axes)
+        with kernel.host() as host:
+            move = host.move([0.5, 0.5], relative=True, buffer="buffered")
+            move.wait(30.0)
+            assert move.done

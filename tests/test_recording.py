@@ -351,7 +351,7 @@ def random_script(seed: int, axes: int, cycles: int) -> list[tuple[int, object]]
     script: list[tuple[int, object]] = [(1, lambda host: host.enable())]
     for cycle in sorted(rng.integers(20, cycles, 25).tolist()):
         axis, goal = int(rng.integers(axes)), float(rng.uniform(-150.0, 150.0))
-        kind = int(rng.integers(10))
+        kind = int(rng.integers(13))
         action = [
             lambda host, g=goal, a=axis: host.move({a: g}),
             lambda host, g=goal: host.move([g / (i + 1) for i in range(axes)]),
@@ -365,6 +365,11 @@ def random_script(seed: int, axes: int, cycles: int) -> list[tuple[int, object]]
             lambda host: host.hold(),
             lambda host: host.resume(),
             lambda host, a=axis: host.disable(axes=a) if a else host.enable(),
+            lambda host, g=goal, a=axis: host.move({a: g}, buffer="buffered"),
+            lambda host, g=goal: host.move([g] * axes, buffer="blend high"),
+            lambda host, g=goal, a=axis: [
+                host.move({a: g * n}, buffer="blend low") for n in (0.5, 0.7, 1.0)
+            ][1].cancel(),
         ][kind]
         script.append((cycle, action))
     return script

@@ -101,9 +101,19 @@ int32_t sj_plan_sample(double cycle_time_s, const void *from, const void *to, co
                        sj_plan *plan);
 int32_t sj_plan_sample_velocity(double cycle_time_s, const void *from, double v1,
                                 const void *limits, sj_plan *plan, double *end);
+/* One of many plans: its phases lie behind those of the plan before it, so that memory is touched
+ * once only. */
+typedef struct {
+    int64_t cycles;
+    int64_t first;                      /* index of its first phase */
+    int32_t count;                      /* phases used */
+    int32_t kind;                       /* enum sj_plan_kind */
+} sj_row;
+
 int32_t sj_plan_rows(int64_t n, double cycle_time_s, const double *from, int64_t from_columns,
                      const double *to, int64_t to_columns, const sj_limits *limits,
-                     int64_t limits_step, sj_plan *plans, int64_t *failed);
+                     int64_t limits_step, sj_row *rows, sj_phase *phases, int64_t first,
+                     int64_t *failed);
 
 /* ---- peers: handshake (_handshake.c) --------------------------------------------------------- */
 

@@ -290,7 +290,7 @@ int64_t sj_passage_before(sj_kernel *kernel, const passage *p, const double *vel
         if (ax->least_cycles > 0 && ax->interpolator.ahead - 1 - run_up > least)
             least = ax->interpolator.ahead - 1 - run_up;
     }
-    if (sj_plan_axes(p->n, request, p->limits, least, &synchronization, kernel->plan) !=
+    if (sj_passage_plan(p->n, request, p->limits, least, &synchronization, kernel->plan) !=
         SJ_PLAN_OK)
         return -1;
     for (int32_t i = 0; i < p->n; i++) {

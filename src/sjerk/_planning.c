@@ -140,22 +140,29 @@ static sj_state row_state(const double *row, int64_t columns)
     return (sj_state){row[0], columns > 1 ? row[1] : 0.0, columns > 2 ? row[2] : 0.0};
 }
 
-/* n independent axes: rows of 1 to 3 columns (position, velocity, acceleration); limits_step 0 for
- * one Limits for all, 1 for one each. Stops at the first request that fails and tells its row. */
+/* n independent axes: requests in rows of 1 to 3 columns (position, velocity, acceleration);
+ * limits_step 0 for one Limits for all, 1 for one each. `phases` has room for SJ_PHASES of each, from
+ * index `first` on. Stops at the first request that fails and tells its row. */
 int32_t sj_plan_rows(int64_t n, double cycle_time_s, const double *from, int64_t from_columns,
                      const double *to, int64_t to_columns, const sj_limits *limits,
-                     int64_t limits_step, sj_plan *plans, int64_t *failed)
+                     int64_t limits_step, sj_row *rows, sj_phase *phases, int64_t first,
+                     int64_t *failed)
 {
     for (int64_t i = 0; i < n; i++) {
+        sj_plan plan;
         sj_state start = row_state(from + i * from_columns, from_columns);
         sj_state end = row_state(to + i * to_columns, to_columns);
         sj_request r = between(cycle_time_s, &start, &end);
         int32_t status = sj_plan_move(r.distance, r.v0, r.a0, r.v1, limits + i * limits_step,
-                                      &plans[i]);
+                                      &plan);
         if (status != SJ_PLAN_OK) {
             *failed = i;
             return status;
         }
+        rows[i] = (sj_row){plan.cycles, first, plan.count, plan.kind};
+        for (int32_t k = 0; k < plan.count; k++)
+            phases[first + k] = plan.phase[k];
+        first += plan.count;
     }
     return SJ_PLAN_OK;
 }

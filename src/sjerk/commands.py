@@ -22,7 +22,7 @@ from sjerk.cyclictest import Cyclictest
 from sjerk.errors import InputError, SjerkError
 from sjerk.feedback import Distribution, Feedback
 from sjerk.handshake import clean
-from sjerk.host import Host, Monitor
+from sjerk.host import BUFFERS, Host, Monitor
 from sjerk.recording import Recorder
 
 #: Largest wait for a host that is about to leave, seconds.
@@ -60,6 +60,13 @@ def add_arguments(jobs: Any) -> None:
     job.add_argument("--relative", action="store_true")
     job.add_argument("--velocity", type=float, help="instead of the axes' own")
     job.add_argument("--synchronization", choices=("time", "phase", "none"), default="time")
+    job.add_argument(
+        "--buffer",
+        choices=tuple(BUFFERS),
+        default="aborting",
+        help="how it follows what moves already: replace it, wait for it, or blend into it",
+    )
+    job.add_argument("--no-wait", action="store_true", help="return when it is moving or queued")
     job.add_argument("--timeout", type=float, help="seconds")
     job = add("jog", _jog, "move with a velocity, to a limit, or until stopped; returns at once")
     job.add_argument("velocity", nargs="+", help="AXIS=VELOCITY, or one for the one axis")
@@ -153,9 +160,10 @@ def _move(options: argparse.Namespace) -> int:
             relative=options.relative,
             limits=limits,
             synchronization=options.synchronization,
+            buffer=options.buffer,
         )
         try:
-            move.wait(options.timeout)
+            (move.taken if options.no_wait else move.wait)(options.timeout)
         except KeyboardInterrupt:
             move.cancel()
             raise

@@ -40,7 +40,8 @@ Axes = int | Iterable[int] | None
 Direction = Literal["direct", "shortest", "positive", "negative"]
 Buffer = Literal["aborting", "buffered", "blend low", "blend previous", "blend next", "blend high"]
 
-_MODES: dict[str, int] = {
+#: PLCopen's buffer modes by their names here.
+BUFFERS: dict[str, int] = {
     "aborting": lib.SJ_BUFFER_ABORTING,
     "buffered": lib.SJ_BUFFER_BUFFERED,
     "blend low": lib.SJ_BUFFER_LOW,
@@ -210,6 +211,13 @@ class Move:
             lambda frame: self._state(frame) not in (MoveState.SENT, MoveState.QUEUED),
             timeout,
             "an answer",
+        )
+        self._raise()
+
+    def taken(self, timeout: float | None = 5.0) -> None:
+        """Return when the kernel has it, moving or in its queue; raises as ``wait`` does."""
+        self._host._wait_until(
+            lambda frame: self._state(frame) is not MoveState.SENT, timeout, "an answer"
         )
         self._raise()
 
@@ -740,8 +748,8 @@ class Host(_Reader):
         Returns at once; the handle tells the rest. Raises InputError for what is no target, and
         QueueFullError; a refusal by the kernel is raised by ``Move.wait``.
         """
-        if buffer not in _MODES:
-            raise InputError("buffer", buffer, f"must be one of {', '.join(_MODES)}")
+        if buffer not in BUFFERS:
+            raise InputError("buffer", buffer, f"must be one of {', '.join(BUFFERS)}")
         if buffer != "aborting" and direction != "direct":
             raise InputError("direction", direction, "a queued move has no place yet to turn from")
         if buffer.startswith("blend") and synchronization == "phase":
@@ -757,7 +765,7 @@ class Host(_Reader):
                 check_target(f"target[{i}]", goal, free)
         kind = lib.SJ_GOAL_RELATIVE if relative else lib.SJ_GOAL_ABSOLUTE
         if buffer != "aborting":
-            return self._queue(kind, targets, own, code, least, _MODES[buffer])
+            return self._queue(kind, targets, own, code, least, BUFFERS[buffer])
         return self._goal(kind, targets, own, code, least)
 
     def follow(

@@ -13,7 +13,6 @@ import struct
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, Literal, NoReturn, overload
 
 import numpy as np
@@ -35,21 +34,17 @@ _new = ffi.new_allocator(should_clear_after_alloc=False)
 #: Starting a thread costs about as much as planning a thousand axes.
 _ROWS_PER_THREAD = 4000
 _MOST: int = lib.SJ_AXES
+_ROOM: int = lib.SJ_PHASES
 _PHASE: int = lib.SJ_SYNC_PHASE
 _PLAN, _PLAN_ARRAY, _INT = (ffi.typeof(name) for name in ("sj_plan *", "sj_plan[]", "int32_t *"))
 #: Only "phase" is ever changed by the planner: the others can be shared.
 _MODES = {code: ffi.new("int32_t *", code) for code in _CODES.values()}
-_PLAN_DTYPE = np.dtype(
-    [
-        ("cycles", np.int64),
-        ("count", np.int32),
-        ("kind", np.int32),
-        ("velocity", np.float64),
-        ("acceleration", np.float64),
-        ("phase", [("cycles", np.int64), ("jerk", np.float64)], (lib.SJ_PHASES,)),
-    ]
+_ROW = np.dtype(
+    [("cycles", np.int64), ("first", np.int64), ("count", np.int32), ("kind", np.int32)]
 )
-assert _PLAN_DTYPE.itemsize == ffi.sizeof("sj_plan")
+_PHASES = np.dtype([("cycles", np.int64), ("jerk", np.float64)])
+assert _ROW.itemsize == ffi.sizeof("sj_row")
+assert _PHASES.itemsize == ffi.sizeof("sj_phase")
 
 
 class Motion:
@@ -177,30 +172,48 @@ def _motion_from(memory: bytes, cycle_time: float, axes: int, *rest: Any) -> Mot
 
 @dataclass(frozen=True, eq=False)
 class Plans:
-    """Many independent plans as arrays; row i is request i."""
+    """Many independent plans as arrays; row i is request i.
 
-    cycles: NDArray[np.int64]
+    ``rows``: cycles, the index of the first phase, how many phases, and their kind; ``pool``: the
+    phases of all plans, cycles and jerks per cycle^3.
+    """
+
     cycle_time: float
-    raw: NDArray[Any]
+    rows: NDArray[Any]
+    pool: NDArray[Any]
+
+    @property
+    def cycles(self) -> NDArray[np.int64]:
+        """Lengths in control cycles."""
+        cycles: NDArray[np.int64] = self.rows["cycles"]
+        return cycles
 
     @property
     def duration(self) -> FloatArray:
         """Lengths in seconds."""
         return np.multiply(self.cycles, self.cycle_time, dtype=np.float64)
 
-    @cached_property
+    @property
     def phase_counts(self) -> NDArray[np.int32]:
         """Phases used by each plan."""
-        counts: NDArray[np.int32] = self.raw["count"]
+        counts: NDArray[np.int32] = self.rows["count"]
         return counts
 
     def phases(self, i: int) -> tuple[NDArray[np.int64], FloatArray]:
         """Cycles and jerks (axis unit / s^3) of the phases of plan ``i``."""
-        used = self.raw["phase"][i, : self.phase_counts[i]]
+        first = int(self.rows["first"][i])
+        used = self.pool[first : first + int(self.phase_counts[i])]
         return used["cycles"].copy(), used["jerk"] / self.cycle_time**3
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        counts = self.phase_counts.astype(np.int64)
+        packed = self.rows.copy()
+        packed["first"] = np.cumsum(counts) - counts
+        used = np.repeat(self.rows["first"] - packed["first"], counts) + np.arange(counts.sum())
+        return Plans, (self.cycle_time, packed, self.pool[used])
+
     def __len__(self) -> int:
-        return len(self.cycles)
+        return len(self.rows)
 
 
 @overload
@@ -406,9 +419,11 @@ def plan_many(
         given = len(limits)
     if len(end) != n or given != n:
         raise InputError("start, target, limits", (n, len(end), given), "must be of one length")
-    raw = np.empty(n, dtype=_PLAN_DTYPE)
-    starts, ends = (ffi.from_buffer("double[]", rows) for rows in (begin, end))
-    made = ffi.cast("sj_plan *", ffi.from_buffer(raw))
+    # most of the pool is never touched, and so never becomes memory
+    rows, pool = np.empty(n, dtype=_ROW), np.empty(n * _ROOM, dtype=_PHASES)
+    starts, ends = (ffi.from_buffer("double[]", table) for table in (begin, end))
+    made = ffi.cast("sj_row *", ffi.from_buffer(rows))
+    phases = ffi.cast("sj_phase *", ffi.from_buffer(pool))
 
     def run(first: int, last: int) -> tuple[int, int]:
         """Rows first .. last - 1: status, and the row that failed."""
@@ -423,6 +438,8 @@ def plan_many(
             c_limits + first * step,
             step,
             made + first,
+            phases,
+            first * _ROOM,
             failed,
         )
         return status, first + int(failed[0])
@@ -433,7 +450,7 @@ def plan_many(
         state = (begin[row].tolist(), end[row].tolist())
         shown = limits if isinstance(limits, Limits) else limits[row]
         _fail(status, f"row {row}", state, shown)
-    return Plans(raw["cycles"], T, raw)
+    return Plans(T, rows, pool)
 
 
 def _in_parallel(run: Callable[[int, int], tuple[int, int]], n: int) -> list[tuple[int, int]]:
