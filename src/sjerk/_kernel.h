@@ -817,7 +817,7 @@ void    sj_lemma_sample(const sj_state *plan, double jerk, sj_state *sample);
 /* ---- wiring: the pace of a path in play (_pace.c) -------------------------------------------- */
 
 /* Axis-samples that one cycle checks at most, and what a plan counts as. */
-enum { SJ_PACE_CHECKS = 4096, SJ_PACE_PLAN = 256 };
+enum { SJ_PACE_CHECKS = 1024, SJ_PACE_PLAN = 128 };
 
 enum sj_pace_status {
     SJ_PACE_RUNS = 0,
@@ -862,6 +862,7 @@ typedef struct {
     int64_t cycle;                      /* of the run */
     int64_t begin, second_at;           /* cycles in which its plans begin; second: -1 none */
     int64_t again;                      /* cycle from which to look again */
+    int64_t reach;                      /* path cycles that it counts on, but for a stop */
     sj_run run;
     sj_pace first, second;
 } sj_search;
