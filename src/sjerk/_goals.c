@@ -119,11 +119,11 @@ static const sj_limits *limits_of(const sj_axis *ax)
 }
 
 /* The same stop in exactly so many cycles where that works, and not beyond the goal. */
-static void stretch(const sj_axis *ax, int64_t cycles, sj_plan *plan)
+static void stretch(const sj_axis *ax, const sj_limits *own, int64_t cycles, sj_plan *plan)
 {
     continuous at = axis_commanded(ax);
     double low, high, way = sj_goal_way(plan, at.V.hi, at.A.hi, &low, &high);
-    sj_limits limits = sj_goal_kept(ax, limits_of(ax));
+    sj_limits limits = sj_goal_kept(ax, own);
     sj_plan longer;
     way *= (double)cycles / (double)(plan->cycles > 0 ? plan->cycles : 1);
     if (!ax->interpolator.goal_free) {
@@ -208,7 +208,7 @@ static void halt_together(sj_kernel *kernel, const int32_t *axes, int32_t n)
         }
         for (int32_t i = 0; i < n; i++)
             if (kernel->plan[i].cycles < longest)
-                stretch(&kernel->axis[axes[i]], longest, &kernel->plan[i]);
+                stretch(&kernel->axis[axes[i]], &limits[i], longest, &kernel->plan[i]);
     }
     for (int32_t i = 0; i < n; i++)
         rest &= rests_within(&kernel->axis[axes[i]], kernel->plan[i].cycles);
@@ -259,13 +259,14 @@ void sj_goal_halt(sj_kernel *kernel, uint64_t set)
     }
 }
 
-void sj_goal_quick_stop(sj_kernel *kernel, uint64_t set)
+void sj_goal_quick_stop(sj_kernel *kernel, uint64_t set, uint64_t together)
 {
+    uint64_t planned = 0;
+    int64_t longest = 0;
     sj_path_leave(kernel, set);
     for (int32_t i = 0; i < kernel->axes; i++) {
         sj_axis *ax = &kernel->axis[i];
         sj_limits limits;
-        sj_plan plan;
         if ((set >> i & 1) == 0 || !ax->following)
             continue;
         sj_goal_ceiling(ax);
@@ -276,10 +277,22 @@ void sj_goal_quick_stop(sj_kernel *kernel, uint64_t set)
             continue;
         }
         limits = sj_goal_kept(ax, &ax->config.stop_limits);
-        if (plan_stop(ax, &limits, &plan) != SJ_PLAN_OK)
+        if (plan_stop(ax, &limits, &kernel->plan[i]) != SJ_PLAN_OK) {
             ax->drive_stop = 1;
-        else if (!rests_within(ax, plan.cycles)) {
-            load_stop(ax, &plan);
+            continue;
+        }
+        planned |= UINT64_C(1) << i;
+        if ((together >> i & 1) && kernel->plan[i].cycles > longest)
+            longest = kernel->plan[i].cycles;
+    }
+    for (int32_t i = 0; i < kernel->axes; i++) {
+        sj_axis *ax = &kernel->axis[i];
+        if ((planned >> i & 1) == 0)
+            continue;
+        if ((together >> i & 1) && kernel->plan[i].cycles < longest)
+            stretch(ax, &ax->config.stop_limits, longest, &kernel->plan[i]);
+        if (!rests_within(ax, kernel->plan[i].cycles)) {
+            load_stop(ax, &kernel->plan[i]);
             give_up(ax);
         }
     }
