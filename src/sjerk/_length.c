@@ -156,27 +156,91 @@ static int64_t after_every_stop(int32_t n, const sj_request *r, const sj_limits 
     return cycles;
 }
 
+/* Time that is enough, at a glance: to a stand, from rest to rest and on to the end velocity, all of it
+   under the tighter limits. Infinite for a start that has to come back first. */
+static double enough(const task *t)
+{
+    double a = least(t->au, t->ad), j = least(t->ju, t->jd);
+    double lead = fabs(t->a0) / j, v = t->v0 + t->a0 * lead / 2;
+    if (!(fabs(t->a0) <= a && most(fabs(t->v0), fabs(v)) <= t->vmax)) return INFINITY;
+    double stop = ramp_time(fabs(v), a, j), go = ramp_time(fabs(t->v1), a, j);
+    double h = fabs(t->h - lead * (t->v0 + t->a0 * lead / 3) - (v * stop + t->v1 * go) / 2);
+    double top = ramp_time(t->vmax, a, j), before = lead + stop + go, q = a / j;
+    if (t->vmax * top <= h) return before + h / t->vmax + top;
+    if (2 * q * q * a <= h) return before + q + sqrt(q * q + 4 * h / a);
+    return before + 4 * cbrt(h / (2 * j));
+}
+
+/* Exactly `cycles` from a start within its limits, in seven phases: what nearly every axis needs that
+   waits for a slower one. Leaves *p as it is where that does not serve. */
+static int at_once(const task *t, int64_t cycles, sj_plan *p)
+{
+    task u = *t;
+    sj_plan head;
+    seven s;
+    sj_begin(&head);
+    if ((double)cycles > LONGEST || !sj_come_back(&u, &head) || head.count > 0) return 0;
+    if (!by_cruise_of(&u, (double)cycles, &s)) return 0;
+    sj_begin(p);
+    sj_seven_put(p, &u, &s);
+    p->kind = SJ_PLAN_CRUISE;
+    return 1;
+}
+
+/* What the planner's shortest may be longer than the shortest in continuous time, where it is not far
+   from it. */
+enum { SPARE = 8 };
+
+/* The axis that seems slowest is planned first. Of the others only those need a shortest plan that
+   may not be done by then; *p of the rest is of zero cycles. Sets the length. */
+static int32_t slowest(int32_t n, const sj_request *r, const sj_limits *l, int64_t *cycles,
+    sj_plan *p)
+{
+    double time[SJ_AXES];
+    int32_t first = 0;
+    if (n > SJ_AXES) return SJ_PLAN_INVALID;
+    for (int32_t i = 0; i < n; i++) {
+        if (!sj_valid(r[i].distance, r[i].v0, r[i].a0, r[i].v1, &l[i])) return SJ_PLAN_INVALID;
+        task t = sj_task_of(r[i].distance, r[i].v0, r[i].a0, r[i].v1, &l[i]);
+        time[i] = enough(&t);
+        if (time[i] > time[first]) first = i;
+    }
+    for (int32_t k = 0; k < n; k++) {
+        int32_t i = k == 0 ? first : k <= first ? k - 1 : k;
+        sj_begin(&p[i]);
+        if (time[i] + SPARE <= (double)*cycles) continue;
+        int32_t status = sj_plan_move(r[i].distance, r[i].v0, r[i].a0, r[i].v1, &l[i], &p[i]);
+        if (status != SJ_PLAN_OK) return status;
+        if (p[i].cycles > *cycles) *cycles = p[i].cycles;
+    }
+    return SJ_PLAN_OK;
+}
+
+/* One axis in so many cycles. *p: its plan so far, or of zero cycles: none is known. */
+static int32_t keep_up(const sj_request *r, const sj_limits *l, int64_t cycles, sj_plan *p)
+{
+    task t = sj_task_of(r->distance, r->v0, r->a0, r->v1, l);
+    int32_t status = SJ_PLAN_OK;
+    if (p->cycles > cycles || !at_once(&t, cycles, p)) {
+        if (p->cycles == 0 || p->cycles > cycles)
+            return sj_plan_duration(r->distance, r->v0, r->a0, r->v1, l, cycles, p);
+        status = stretch(&t, cycles, p);
+    }
+    sj_note_scale(p, l);
+    return status;
+}
+
 int32_t sj_plan_together(int32_t n, const sj_request *r, const sj_limits *l, int64_t cycles,
     sj_plan *p)
 {
-    for (int32_t i = 0; i < n; i++) {
-        int32_t status = sj_plan_move(r[i].distance, r[i].v0, r[i].a0, r[i].v1, &l[i], &p[i]);
-        if (status != SJ_PLAN_OK) return status;
-        if (p[i].cycles > cycles) cycles = p[i].cycles;
-    }
+    int32_t status = slowest(n, r, l, &cycles, p);
+    if (status != SJ_PLAN_OK) return status;
     for (int round = 0; round < SYNC_ROUNDS; round++) {
         int blocked = 0;
         if (round == SYNC_ROUNDS - 2) cycles = after_every_stop(n, r, l, cycles);
         for (int32_t i = 0; i < n && !blocked; i++) {
             if (p[i].cycles == cycles) continue;
-            int32_t status;
-            if (p[i].cycles < cycles) {
-                task t = sj_task_of(r[i].distance, r[i].v0, r[i].a0, r[i].v1, &l[i]);
-                status = stretch(&t, cycles, &p[i]);
-                sj_note_scale(&p[i], &l[i]);
-            } else
-                status = sj_plan_duration(r[i].distance, r[i].v0, r[i].a0, r[i].v1, &l[i], cycles,
-                    &p[i]);
+            status = keep_up(&r[i], &l[i], cycles, &p[i]);
             if (status != SJ_PLAN_OK && status != SJ_PLAN_BLOCKED) return status;
             if (status == SJ_PLAN_BLOCKED) { cycles = p[i].cycles; blocked = 1; }
         }
