@@ -125,11 +125,13 @@ void sj_seven_put(sj_plan *p, const task *t, const seven *s)
 {
     double j1 = (s->a - t->a0) / s->n1, j3 = -s->a / s->n3,
         j5 = (t->v1 - s->v) * (1 / (s->n5 + s->n6)) / s->n5, d = t->sign;
+    /* the first of the plan, and what rises falls again: no rounding is left for a cruise to multiply */
+    int at_zero = p->count == 0 && t->a0 == 0.0 && s->n1 == s->n3;
     if (t->a0 == 0.0 && s->n1 == s->n3) j3 = -j1;
     sj_put(p, s->n1, d * j1);
     sj_put(p, s->n2, 0);
     sj_put(p, s->n3, d * j3);
-    sj_put_cruise(p, t, s->n4);
+    if (at_zero) sj_put(p, s->n4, 0); else sj_put_cruise(p, t, s->n4);
     sj_put(p, s->n5, d * j5);
     sj_put(p, s->n6, 0);
     sj_put(p, s->n5, -d * j5);
