@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import itertools
+import os
 import time
+from collections import deque
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -29,11 +32,13 @@ from sjerk import (
     AxisState,
     EventKind,
     Followed,
+    InputError,
     Limits,
     MotionKernel,
     MotionStoppedError,
     PathState,
     RefusedError,
+    SupersededError,
     Trajectory,
     follow,
 )
@@ -348,3 +353,142 @@ def test_where_segments_do_not_come_it_stops_on_the_path_and_goes_on() -> None:
     assert stopped > 5000
     kinds = [PathState(e.code) for e in bench.host.events()[0] if e.kind is EventKind.PATH]
     assert kinds == [PathState.RUNS, PathState.STARVES, PathState.RUNS, PathState.DONE]
+
+
+def _from(blocks: list[Followed], point: int) -> Followed:
+    """The segments of one block from this way-point on."""
+    (block,) = blocks
+    i = point - block.first
+    parts = {
+        name: getattr(block, name)[i:]
+        for name in ("cycles", "stretch", "lengths", "jerk", "position", "velocity", "acceleration")
+    }
+    first = block.first_cycle + int(block.cycles[:i].sum())
+    return replace(block, first=point, first_cycle=first, last_jerk=block.last_jerk[i:], **parts)
+
+
+@pytest.mark.parametrize("order", ["run", "pause", "slow"])
+def test_a_splice_goes_on_along_other_segments(order: str) -> None:
+    """From a way-point ahead another path takes over, without a step; the samples are then its."""
+    q = _wave(200, 2, 0.05, 0.5)
+    limits = [Limits(2.0, 20.0, 500.0)] * 2
+    other = q.copy()
+    other[120:, 0] += 0.1 * np.sin(np.linspace(0.0, np.pi, 80)) ** 2
+    one, two = (
+        list(follow(Trajectory(["a", "b"], 0.05 * np.arange(200), x), limits, T))
+        for x in (q, other)
+    )
+    expected, _ = recording(two)
+    bench = Bench(expected[0].tolist(), limits)
+    path = bench.play(one)
+    bench.run(path, until=lambda: len(bench.rows) > 1000)
+    if order == "pause":
+        path.pause()
+    elif order == "slow":
+        path.speed(0.6)
+    with pytest.raises(InputError, match="way-point ahead"):
+        path.splice(_from(two, 5), 6)
+    new = path.splice(_from(two, 60), 61)
+    bench.run(new, until=lambda: len(bench.rows) > 2000)
+    assert path.state is PathState.SUPERSEDED
+    new.resume()
+    new.speed(1.0)
+    positions = bench.run(new)
+    assert new.done
+    recording_keeps(positions, limits)
+    _, gaps = along(curve(expected), positions, 0, 16 * 8)
+    assert gaps.max() < 1e-6
+    np.testing.assert_array_equal(positions[-4000:], expected[len(expected) - 4000 :])
+    with pytest.raises(SupersededError):
+        path._raise()
+
+
+def test_a_splice_that_comes_too_late_is_refused() -> None:
+    """What the kernel has set out for stays; the path stops on what is left of it."""
+    q = _wave(60, 1, 0.1, 0.5)
+    limits = [Limits(2.0, 20.0, 500.0)]
+    blocks = list(follow(Trajectory(["a"], 0.1 * np.arange(60), q), limits, T))
+    expected, _ = recording(blocks)
+    bench = Bench(expected[0].tolist(), limits)
+    path = bench.play(blocks)
+    bench.run(path, until=lambda: len(bench.rows) > 1000)
+    bench.run(path, until=lambda: path.progress.time > 0.096)  # a few cycles from the next segment
+    ahead = path.progress.point + 1
+    new = path.splice(_from(blocks, ahead - 1), ahead)
+    bench.kernel.step(5)
+    assert new.state is PathState.REFUSED
+    with pytest.raises(RefusedError, match="has begun"):
+        new._raise()
+    path.cancel()
+    bench.kernel.step(3000)
+    assert path.state in (PathState.STOPPED, PathState.DONE)
+
+
+def test_a_splice_whose_segments_do_not_come_leaves_the_path_within_the_limits() -> None:
+    """What is left is shorter than any stop on the path: each axis halts, told, jerk-limited."""
+    q = _wave(60, 2, 0.1, 0.5)
+    limits = [Limits(2.0, 20.0, 500.0)] * 2
+    blocks = list(follow(Trajectory(["a", "b"], 0.1 * np.arange(60), q), limits, T))
+    bench = Bench(q[0].tolist(), limits)
+    path = bench.play(blocks)
+    bench.run(path, until=lambda: len(bench.rows) > 2450 and path.progress.time > 0.088)
+    at = path.progress.point + 1
+
+    def source() -> Iterator[Followed | None]:
+        rest = _from(blocks, at - 1)
+        part = {name: getattr(rest, name)[:2] for name in ("position", "velocity", "acceleration")}
+        one = {name: getattr(rest, name)[:1] for name in ("cycles", "stretch", "lengths", "jerk")}
+        yield replace(rest, last_jerk=rest.last_jerk[:2], **part, **one)
+        while True:
+            yield None
+
+    new = path.splice(source(), at)
+    bench.run(new)
+    assert new.state is PathState.LEFT
+    for _ in range(500):
+        bench.kernel.step()
+        bench.rows.append(bench.now())
+    recording_keeps(bench.positions, limits)
+    with pytest.raises(MotionStoppedError):
+        new._raise()
+
+
+def test_a_long_path_streams_in_constant_memory() -> None:
+    """Blocks are planned as they are needed; every cycle bit for bit. SJERK_PATH_POINTS: more."""
+    points = int(os.environ.get("SJERK_PATH_POINTS", "6000"))
+    limits = [Limits(2.0, 20.0, 500.0)] * 2
+    rows: deque[list[float]] = deque()
+
+    def pieces() -> Iterator[Trajectory]:
+        for begin in range(0, points, 500):
+            t = 0.02 * np.arange(begin, min(begin + 500, points))
+            q = np.column_stack([0.2 * np.sin(1.3 * t), 0.3 * np.sin(0.7 * t) * np.cos(t)])
+            yield Trajectory(["a", "b"], t + 1.0, q)
+
+    def watched() -> Iterator[Followed]:
+        for block in follow(pieces(), limits, T, block=256, lookahead=64):
+            rows.extend(block.sample().position.tolist())
+            yield block
+
+    kernel = MotionKernel([Axis(limit, 1e6, "ideal") for limit in limits], T)
+    host = kernel.host()
+    host.enable()
+    kernel.step(5)
+    path = host.follow(watched())
+    longest, moving = 0, False
+    begin = rows.popleft()
+    for cycle in range(points * 40):
+        if cycle % 100 == 0:
+            path.pump()
+            longest = max(longest, len(rows))
+        kernel.step()
+        frame = host._frame()
+        now = [frame.axis[0].position, frame.axis[1].position]
+        moving = moving or now != begin
+        if moving:
+            assert now == rows.popleft()
+        if frame.path.state == PathState.DONE:
+            break
+    assert path.done
+    assert not rows
+    assert longest < 20 * (2048 + 512 + 32 + 2 * 320)  # window, ring, what waits, what is planned

@@ -16,11 +16,13 @@ TESTS = Path(__file__).parent
 CHOSEN = [
     *(str(TESTS / name) for name in ("test_profile.py", "test_kernel.py", "test_interpolator.py")),
     *(str(TESTS / name) for name in ("test_following.py", "test_queue.py", "test_ahead.py")),
+    str(TESTS / "test_pace.py"),
     *(str(path) for path in sorted(TESTS.glob("test_cia402*.py"))),
     *(str(path) for path in sorted(TESTS.glob("test_servo*.py"))),
     "-k",
     "not process and not killed and not leaving and not second_host and not million "
-    "and not 10000000 and not random_ways and not panda and not shipped",
+    "and not 10000000 and not random_ways and not panda and not shipped "
+    "and not slowly and not bursts",
 ]
 
 

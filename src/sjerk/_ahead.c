@@ -197,6 +197,8 @@ void sj_ahead_take(sj_kernel *kernel)
             continue;
         }
         answer(kernel, held, -1, said < 0 ? -said : SJ_RESULT_ACCEPTED);
+        if (held->record.kind == SJ_RECORD_MOVE)
+            waiting |= held->axes; /* planned enough for one cycle */
         forget(ahead, i);
     }
 }

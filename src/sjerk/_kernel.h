@@ -818,7 +818,7 @@ void    sj_lemma_sample(const sj_state *plan, double jerk, sj_state *sample);
 /* ---- wiring: the pace of a path in play (_pace.c) -------------------------------------------- */
 
 /* Axis-samples that one cycle checks at most, and what a plan counts as. */
-enum { SJ_PACE_CHECKS = 4096, SJ_PACE_PLAN = 256 };
+enum { SJ_PACE_CHECKS = 1024, SJ_PACE_PLAN = 128 };
 
 enum sj_pace_status {
     SJ_PACE_RUNS = 0,
@@ -863,6 +863,7 @@ typedef struct {
     int64_t cycle;                      /* of the run */
     int64_t begin, second_at;           /* cycles in which its plans begin; second: -1 none */
     int64_t again;                      /* cycle from which to look again */
+    int64_t reach;                      /* path cycles that it counts on, but for a stop */
     sj_run run;
     sj_pace first, second;
 } sj_search;
@@ -987,7 +988,7 @@ typedef struct {
     sj_limits limits;                   /* of the axis, taken when limit_sets is new */
     int32_t enable;
     uint32_t halts, quick_stops, resets, limit_sets;
-    int32_t reserved;
+    int32_t together;                   /* 1: this quick stop lasts as long as the longest with it */
 } sj_axis_command;
 
 typedef struct {

@@ -23,7 +23,7 @@ enum {
     STRIDE = 128,                       /* cycles by which a stay above speed 1 is prolonged */
     NEAR = 256,                         /* a stop that is further off need not be put off yet */
     PATIENCE = 64,                      /* cycles until what was not found is looked for again */
-    DELAY = 4,                          /* cycles, at first, for a check longer than one cycle's */
+    DELAY = 2,                          /* cycles at least for a check longer than one cycle's */
     DELAYS = 1024,
     SHORT = 16                          /* cycles of a change that need not be less */
 };
@@ -78,7 +78,7 @@ static int32_t place(const sj_track *track, sj_run *run, double *position, doubl
         memcpy(position, run->past[0], bytes);
         return track->count > 0 ? 0 : -1;
     }
-    if (track->whole && cell >= track->end) {
+    if (track->whole && ahead_of(pace, track->end) <= 0.0) {
         memcpy(position, track->way_point, bytes);
         return 0;
     }
@@ -297,8 +297,8 @@ static int32_t set_up(sj_player *player, int32_t *work)
         if (player->next_kind != SJ_SEARCH_NONE && search->begin >= player->next_at)
             return -1;
         to = from + (search->to - from) * share_of[search->share];
-        if (to > player->below && to < 1.0)
-            return -1;
+        if ((to > player->below && to < 1.0) || (to > 1.0 && search->kind != SJ_SEARCH_AWAY))
+            return -1; /* no speed that can last */
     }
     if (run_ahead(&player->track, search, delay, work) != 0)
         return -1;
@@ -338,6 +338,7 @@ static int32_t enter_stage(sj_player *player, int32_t *work)
         search->stage = has_second(player) ? STAY : SETTLED;
         search->left = search->stage == SETTLED ? TAIL
                        : search->kind == SJ_SEARCH_AWAY ? STRIDE : 0;
+        search->reach = pace->origin + (int64_t)pace->s.q.hi + TAIL + 1;
     }
     if (search->stage == STAY && search->left == 0) {
         *work -= SJ_PACE_PLAN;
@@ -350,6 +351,8 @@ static int32_t enter_stage(sj_player *player, int32_t *work)
     if (search->stage == SECOND && pace->s.ahead == 0) {
         search->stage = SETTLED;
         search->left = TAIL;
+        if (search->kind != SJ_SEARCH_CHANGE)
+            search->reach = pace->origin + (int64_t)pace->s.q.hi + TAIL + 1;
     }
     return search->stage == SETTLED && search->left == 0;
 }
@@ -379,9 +382,6 @@ static int32_t advance(sj_player *player, int32_t *work)
 static void adopt(sj_player *player)
 {
     sj_search *search = &player->search;
-    const sj_pace *end = &search->run.pace;
-    int64_t reach = end->origin + (int64_t)end->s.q.hi + 1;
-
     player->after_at = -1;
     player->next_at = search->begin;
     player->next = search->first;
@@ -403,7 +403,8 @@ static void adopt(sj_player *player)
         player->next_kind = SJ_SEARCH_CHANGE;
     }
     player->next_known = player->track.end;
-    player->checked = reach > player->checked ? reach : player->checked;
+    if (search->kind != SJ_SEARCH_STOP && search->reach > player->checked)
+        player->checked = search->reach;
     search->kind = SJ_SEARCH_NONE;
     search->delay = 0;
 }
@@ -427,10 +428,10 @@ static int32_t is_worth(const sj_player *player)
     const sj_search *search = &player->search;
     if (search->known != player->track.end)
         return 1;
-    if ((search->kind == SJ_SEARCH_CHANGE || search->kind == SJ_SEARCH_SOONER) &&
-        moves(&player->run.pace))
+    if (search->kind == SJ_SEARCH_CHANGE && moves(&player->run.pace))
         return 1;
-    return search->kind == SJ_SEARCH_AWAY && player->cycle >= search->again;
+    return (search->kind == SJ_SEARCH_AWAY || search->kind == SJ_SEARCH_SOONER) &&
+           player->cycle >= search->again;
 }
 
 static void look(sj_player *player)
@@ -449,11 +450,12 @@ static void look(sj_player *player)
             return;
         restart(player, kind, to);
     }
-    if (search->stage != IDLE && search->begin < player->cycle) { /* checked too slowly */
+    if (search->stage != IDLE && search->begin < player->cycle) { /* more work than time: later */
+        int64_t cycles = search->first.s.ahead + (search->second_at < 0 ? 0 : search->second.s.ahead);
+        int64_t need = DELAY + 3 * cycles * player->track.axes / (2 * SJ_PACE_CHECKS);
         search->stage = IDLE;
-        search->delay = search->delay > 0 ? 2 * search->delay : DELAY;
-        if (search->delay > DELAYS)
-            search->delay = DELAYS;
+        search->delay = need > 2 * search->delay ? need : 2 * search->delay;
+        search->delay = search->delay < DELAYS ? search->delay : DELAYS;
     }
     while (work > 0 && !search->spent) {
         int32_t done = 0;
@@ -474,7 +476,8 @@ static void look(sj_player *player)
             go_softer(player, search);
     }
     if (search->spent)
-        search->again = player->cycle + PATIENCE;
+        search->again =
+            player->cycle + (search->kind == SJ_SEARCH_SOONER ? PATIENCE / 8 : PATIENCE);
 }
 
 void sj_player_begin(sj_player *player)
@@ -533,6 +536,8 @@ static void take_next(sj_player *player)
     if (player->next_kind == SJ_SEARCH_NONE || player->cycle != player->next_at)
         return;
     player->starves = player->next_kind == SJ_SEARCH_STOP;
+    if (player->starves)
+        player->checked = player->track.end;
     player->rung = player->next_rung;
     player->next_rung = 0;
     player->run.pace = player->next;
@@ -615,20 +620,19 @@ int32_t sj_player_cut(sj_player *player, int64_t number)
 {
     sj_track *track = &player->track;
     double rest;
-    int64_t at = sj_player_place(player, &rest) + 1;
-    int64_t before = track->number - number; /* segments to drop, less one */
-    if (before < 0)
-        return before == -1 && !track->whole ? 0 : -1;
-    if (before >= track->count)
+    int64_t at = sj_player_place(player, &rest), begin = track->end;
+    int64_t drops = track->number - number + 1;
+    if (drops < 0 || drops > track->count)
         return -1;
-    {
-        int64_t first = track->first + track->count - 1 - before;
-        int64_t begin = track->segment[first % track->capacity].begin;
-        if (begin < at || begin < player->checked)
-            return -1;
-    }
+    if (drops > 0)
+        begin = track->segment[(track->first + track->count - drops) % track->capacity].begin;
+    if (begin < at + 2 * TAIL || begin < player->checked)
+        return -1;
     sj_track_cut(track, number);
-    player->search.kind = SJ_SEARCH_NONE; /* it may stand on what was there */
+    track->whole = 0;
+    player->search.kind = SJ_SEARCH_NONE; /* what was found may stand on what was there */
+    if (player->next_kind == SJ_SEARCH_STOP)
+        player->next_kind = SJ_SEARCH_NONE;
     return 0;
 }
 

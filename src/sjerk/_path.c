@@ -4,7 +4,7 @@
  * is a stop on the path, a quick stop leaves it, a goal for one of its axes takes that axis away.
  * Never here: positions along the path (_track.c), its speed (_pace.c), drives, memory of its own.
  */
-#include <math.h>   /* fabs, fmin */
+#include <math.h>   /* fabs, fmax, fmin */
 #include <stddef.h>
 #include <stdint.h>
 #include "_kernel.h"
@@ -212,7 +212,7 @@ static uint64_t let_go(sj_kernel *kernel)
 void sj_path_leave(sj_kernel *kernel, uint64_t axes)
 {
     if (axes & kernel->path.led)
-        sj_goal_halt(kernel, let_go(kernel) & ~axes);
+        sj_stop_halt(kernel, let_go(kernel) & ~axes);
 }
 
 /* ---- one cycle ------------------------------------------------------------------------------- */
@@ -269,7 +269,7 @@ static void report(sj_kernel *kernel)
     int64_t at = sj_player_place(player, &rest), segment = player->run.cursor.segment;
     const sj_track_segment *in;
     out->known = track->number;
-    out->speed = sj_player_speed(player);
+    out->speed = fmax(0.0, sj_player_speed(player)); /* of a sample: half a cycle may be less */
     if (!player->begun || segment < track->first)
         return;
     in = &track->segment[segment % track->capacity];
@@ -295,7 +295,7 @@ void sj_path_step(sj_kernel *kernel)
     status = sj_player_step(player);
     report(kernel);
     if (status == SJ_PACE_LOST) {
-        sj_goal_halt(kernel, let_go(kernel));
+        sj_stop_halt(kernel, let_go(kernel));
         return;
     }
     lead(kernel);

@@ -93,8 +93,16 @@ class Path:
     motion comes to rest on the path and goes on by itself when they do.
     """
 
-    def __init__(self, host: Commander, blocks: Blocks, axes: Sequence[int]) -> None:
-        """Not for callers: ``Host.follow`` makes it."""
+    def __init__(
+        self,
+        host: Commander,
+        blocks: Blocks,
+        axes: Sequence[int],
+        *,
+        replaces: Path | None = None,
+        at: int = 0,
+    ) -> None:
+        """Not for callers: ``Host.follow`` makes it; ``splice`` with the path it ``replaces``."""
         self._host = host
         self._axes = list(axes)
         self._rows = _dtype(host._axes)
@@ -107,16 +115,17 @@ class Path:
         self._frame = ffi.new("sj_feedback *")
         self._number = ffi.new("uint64_t *")
         self._ended: PathState | None = None
+        self._thread: threading.Thread | None = None
         with host._lock:
             self._goal_id = host._next_goal()
-        self._first_record = int(lib.sj_ring_published(host._segment.base)) + 1
         source = iter((blocks,) if isinstance(blocks, Followed) else blocks)
-        self._records = self._made(source, 0)
-        self._begin()
-
-    def _begin(self) -> None:
+        self._records = self._made(source, at)
         self._waiting = next(self._records)  # at once, so that what is wrong is told here
-        self._thread: threading.Thread | None = None
+        self._first_record = int(lib.sj_ring_published(host._segment.base)) + 1
+        if replaces is not None:
+            replaces._give_way(at)
+            self._speed, self._paused = replaces._speed, replaces._paused
+            self._order()
         if self._host._cyclic:
             self._thread = threading.Thread(target=self._feed, daemon=True)
             self._thread.start()
@@ -132,17 +141,20 @@ class Path:
         in play where these go on, 0 for a path of its own.
         """
         held = np.empty(0, dtype=self._rows)
-        expected = 0
+        expected = shift = -1
         for block in blocks:
             if block is None:
                 yield held[:0]
                 continue
-            self._check(block, expected)
-            if expected == 0:
+            if expected < 0:
+                expected = block.first if at else 0
+                shift = at - 1 - block.first if at else 0
+                self._check(block, expected)
                 yield self._opening(block, at)
+            self._check(block, expected)
             expected = block.first + len(block)
             for i in range(0, len(block), _SLICE):
-                some = self._segments(block, i, min(i + _SLICE, len(block)), at)
+                some = self._segments(block, i, min(i + _SLICE, len(block)), shift)
                 if len(held):
                     yield held
                 if len(some) > 1:
@@ -174,11 +186,11 @@ class Path:
         row["axis"]["position"][0, self._axes] = block.position[0]
         return row
 
-    def _segments(self, block: Followed, low: int, high: int, at: int) -> NDArray[Any]:
+    def _segments(self, block: Followed, low: int, high: int, shift: int) -> NDArray[Any]:
         T, rows = block.cycle_time, self._empty(high - low)
         rows["kind"] = lib.SJ_RECORD_SEGMENT
-        begin = block.first + max(at - 1, 0)
-        rows["number"] = np.arange(begin + low + 1, begin + high + 1)
+        begin = block.first + shift + 1
+        rows["number"] = np.arange(begin + low, begin + high)
         rows["cycles"] = block.lengths[low:high]
         axis = rows["axis"]
         axis["position"][:, self._axes] = block.position[low + 1 : high + 1]
@@ -212,7 +224,8 @@ class Path:
             self._waiting = self._waiting[count:]
             if part["kind"][-1] == lib.SJ_RECORD_SEGMENT:
                 self._fed = int(part["number"][-1])
-                self._sent = [*self._sent[-64:], (number, self._fed)]
+                done = lib.sj_ring_taken(segment.base) - lib.SJ_AHEAD
+                self._sent = [sent for sent in self._sent if sent[0] > done] + [(number, self._fed)]
             self._complete = bool(part["last"][-1])
         return True
 
@@ -267,12 +280,47 @@ class Path:
         if self.state in _ENDED:
             return
         with self._host._lock:
-            command = self._host._command
-            command.cancel_from = self._first_record
-            command.cancel_to = lib.sj_ring_published(self._host._segment.base)
-            command.cancel_axes = sum(1 << i for i in self._axes)
-            command.cancels = (command.cancels + 1) % 2**32
+            self._take_back(self._first_record)
         self._order(cancel=1)
+
+    def splice(self, blocks: Blocks, at: int) -> Path:
+        """Go on along other segments from way-point ``at`` on; this path is superseded by the new.
+
+        ``blocks`` begin at way-point ``at - 1`` of this path, in the state in which it passes it
+        (velocity, acceleration, jerk of the cycle before): its own there, or those of a plan with
+        the same way-points around it. Their numbers go on from ``at``. Speed and pause are kept.
+        Raises InputError where way-point ``at`` is ahead no more, or has not been sent. Where the
+        kernel finds that it has set out for it, the new path is refused; this one then comes to
+        rest where its segments end.
+        """
+        progress = self.progress
+        if isinstance(at, bool) or not isinstance(at, int) or at <= progress.point:
+            raise InputError("at", at, f"the way-point ahead is {progress.point}")
+        if at > progress.fed + 1:
+            raise InputError("at", at, f"sent are way-points up to {progress.fed}")
+        return Path(self._host, blocks, self._axes, replaces=self, at=at)
+
+    def _give_way(self, at: int) -> None:
+        """Feed no more, and take back what the kernel has not taken of way-points from ``at``."""
+        self._stop.set()
+        if self._thread is not None:
+            self._thread.join()
+        self._complete = True
+        for number, point in self._sent:
+            if point >= at:
+                count = min(point - at, number - 1)
+                with self._host._lock:
+                    self._take_back(number - count)
+                return
+
+    def _take_back(self, first: int) -> None:
+        """Records from this number of the ring on, if not begun; under the lock."""
+        command = self._host._command
+        command.cancel_from = first
+        command.cancel_to = lib.sj_ring_published(self._host._segment.base)
+        command.cancel_axes = sum(1 << i for i in self._axes)
+        command.cancels = (command.cancels + 1) % 2**32
+        self._host._publish()
 
     # ---- what has become of it
 
