@@ -9,6 +9,7 @@ import numpy as np
 from hypothesis import settings
 from hypothesis import strategies as st
 
+from loops import enabled
 from sjerk import (
     Axis,
     Event,
@@ -32,10 +33,7 @@ MODES = ("buffered", "blend low", "blend previous", "blend next", "blend high")
 
 def stepped(axes: int = 1, limits: Limits = OWN) -> tuple[MotionKernel, Host]:
     stop = replace(limits, deceleration=2000.0, deceleration_jerk=40000.0)
-    kernel = MotionKernel([Axis(limits, COUNTS, stop_limits=stop)] * axes, T)
-    host = kernel.host()
-    host.enable()
-    kernel.step(10)
+    kernel, host = enabled([Axis(limits, COUNTS, stop_limits=stop)] * axes, T)
     host.events()
     return kernel, host
 
