@@ -10,7 +10,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sjerk import Limits, Trajectory, follow, follow_path, follow_stops
+from sjerk import (
+    GoalStream,
+    Limits,
+    Trajectory,
+    demo,
+    follow,
+    follow_path,
+    follow_stops,
+    follow_within,
+)
+from sjerk.joining import Knot, join, split
 from sjerk.trajectory import shipped_recording
 
 T = 1e-3
@@ -172,3 +182,83 @@ def test_memory(report: Any) -> None:
         f"memory, 200 000 way-points / 20 000: {peaks[1] / peaks[0]:.3f} ({peaks[1] / 1e6:.1f} MB)",
     )
     assert peaks[1] < 1.2 * peaks[0]
+
+
+STREAM = "streamed goals at 10 Hz: the recorded plan, Franka's limits; its first joint, the demo's"
+
+
+def test_streaming_beside_interruption(report: Any) -> None:
+    """Dips of the velocity above 10 %, jerk, time lost: interrupted, within, with look-ahead."""
+    way = Trajectory.from_bag(shipped_recording())
+    degrees = np.degrees(way.position[:, :1])
+    for name, goals, limits in (("panda", way.position, PANDA), ("demo", degrees, [demo.LIMITS])):
+        own = [demo.dips(v) for v in np.diff(goals, axis=0).T]
+        report.line(STREAM, f"{name:6} {'the goals themselves':24} dips {own}")
+        for kind in ("interruption", "stop_within", "look-ahead"):
+            if kind == "interruption":
+                position, told = _interrupted(goals, limits), ""
+            else:
+                stream = GoalStream(
+                    limits, T, goals[0], period=0.1, stop_within=kind == "stop_within"
+                )
+                position = _streamed(stream, goals)
+                told = f", lag at most {stream.report.largest_lag:.3f} s"
+                told += f", {stream.report.missed} goals missed"
+            dips = [demo.dips(v) for v in np.diff(position, axis=0).T]
+            jerk = np.abs(np.diff(position, 3, axis=0)).max(axis=0) / T**3
+            share = (jerk / [limit.jerk for limit in limits]).max()
+            moved = np.flatnonzero((np.diff(position, axis=0) != 0.0).any(axis=1))
+            late = (moved[-1] - moved[0] + 1) * T - way.duration
+            off = np.abs(position[-1] - goals[-1]).max()
+            report.line(
+                STREAM,
+                f"{name:6} {kind:24} dips {dips}, jerk {share:.3f} of its limit, "
+                f"{late:+.3f} s, end off by {off:.1e}{told}",
+            )
+            if kind == "look-ahead":
+                assert dips == own
+
+
+def _interrupted(goals: np.ndarray, limits: list[Limits]) -> np.ndarray:
+    rows, knot = [goals[:1]], Knot.rest(goals[0])
+    for goal in goals[1:]:
+        move = join(knot, goal, limits, T)
+        if move.cycles.sum() > 100 and (goal != goals[-1]).any():
+            move, _ = split(move, 100)
+        rows.append(move.sample().position)
+        knot = Knot.of(move)
+    return np.concatenate(rows)
+
+
+def _streamed(stream: GoalStream, goals: np.ndarray) -> np.ndarray:
+    blocks = []
+    for k, goal in enumerate(goals[1:], start=1):
+        stream.push(goal)
+        blocks += stream.take(100 * k)
+    stream.end()
+    while not stream.done:
+        blocks += stream.take(stream.cycle + 100)
+    return _positions(iter(blocks))
+
+
+def test_dense_way_points(report: Any) -> None:
+    """The same plan at 2 ms: met exactly, and within a tolerance."""
+    path = Trajectory.from_bag(shipped_recording())
+    t = np.append(np.arange(0.0, path.duration, 0.002), path.duration)
+    near = np.clip(np.searchsorted(path.time, t, side="right") - 1, 0, len(path) - 2)
+    share = ((t - path.time[near]) / np.diff(path.time)[near])[:, None]
+    assert path.velocity is not None
+    h = np.diff(path.time)[near][:, None]
+    p, d = path.position[near], path.position[near + 1] - path.position[near]
+    v0, v1 = path.velocity[near] * h, path.velocity[near + 1] * h
+    q = p + v0 * share + (3 * d - 2 * v0 - v1) * share**2 + (v0 + v1 - 2 * d) * share**3
+    way = Trajectory(path.joint_names, t, q)
+    for tolerance in (1e-2, 1e-3, 1e-4):
+        made = follow_within(way, PANDA, T, tolerance=tolerance)
+        taken = sum(int(block.cycles.sum()) for block in made.blocks) * T
+        report.line(
+            TABLE,
+            f"2 ms within {tolerance:g} rad: {len(made.kept)} of {len(way)} way-points met, "
+            f"largest deviation {made.largest:.2g}, time {taken / way.duration:.3f} of the plan's",
+        )
+        assert made.largest <= tolerance

@@ -112,6 +112,16 @@ def test_a_person_runs_a_kernel_by_commands(tmp_path: Path) -> None:
     assert not [entry for entry in Path("/dev/shm").iterdir() if name in entry.name]
 
 
+def test_a_kernel_with_drives_outside_is_refused_in_a_line(tmp_path: Path) -> None:
+    """Nobody would exchange their image in a process of its own: said before anything runs."""
+    file = tmp_path / "robot.toml"
+    file.write_text(FILE + 'drive = "external"\n')
+    done = sjerk("kernel", str(file), "--name", f"outside-{os.getpid()}")
+    assert done.returncode == 1
+    assert "external drives are for step()" in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+
+
 def test_the_live_table_needs_no_host(tmp_path: Path) -> None:
     """Monitor shows a row per axis and leaves by itself."""
     axis = Axis(Limits(90.0, 500.0, 5000.0), 2**24 / 360.0, unit="deg")

@@ -256,6 +256,29 @@ def test_a_quick_stop_is_each_axis_at_its_own_stop_limits() -> None:
     assert lengths[1] < 0.7 * lengths[0]
 
 
+def test_a_quick_stop_is_synchronised_only_if_asked() -> None:
+    """Together: at rest in the same cycle, the slowest as soon as before, within the limits."""
+    last: dict[bool, list[int]] = {}
+    for together in (False, True):
+        kernel, host = stepped(axis(), axis())
+        host.move([80.0, -20.0])
+        kernel.step(500)
+        host.quick_stop(together=together)
+        last[together] = [0, 0]
+        rows = [[a.position for a in host.feedback().axes]]
+        for cycle in range(1, 2000):
+            kernel.step()
+            axes = host.feedback().axes
+            rows.append([a.position for a in axes])
+            for i, a in enumerate(axes):
+                last[together][i] = cycle if a.moving else last[together][i]
+        kept(np.array(rows), STOP)
+    alone, both = last[False], last[True]
+    assert alone[0] > alone[1] + 5
+    assert both[0] == alone[0]
+    assert abs(both[1] - both[0]) <= 1
+
+
 def test_a_faulted_axis_is_left_to_its_drive_and_the_others_stop() -> None:
     """ErrorStop there, a planned halt here; reset brings it back, with no step of the command."""
     kernel, host = stepped(axis(), axis(), axis())

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import textwrap
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -27,6 +28,7 @@ from sjerk import (
     Reactions,
     Recorder,
     Recording,
+    follow_path,
     replay,
     simulate,
     storage,
@@ -453,6 +455,30 @@ def test_a_recording_that_begins_later_or_lacks_a_command_is_refused() -> None:
         replay(only(whole.frames, whole.commands[:0]))
     with pytest.raises(InputError, match="gap before cycle 51"):
         replay(only(np.delete(whole.frames, slice(40, 50)), whole.commands))
+
+
+def test_way_points_of_a_path_are_planned_where_they_are_commanded() -> None:
+    """Recorded with their cycles: the commanded position of that cycle, bit for bit."""
+    axis = Axis(LIMITS, COUNTS, "ideal")
+    rng = np.random.default_rng(1)
+    points = np.vstack([np.zeros(2), np.cumsum(rng.normal(0.0, 3.0, (10, 2)), axis=0)])
+    plan = list(follow_path(points, [axis.limits] * 2, T))
+    played: list[Any] = []
+
+    def act(cycle: int, host: Host) -> None:
+        if cycle == 1:
+            host.enable()
+        if cycle == 30:
+            played.append(host.follow(plan))
+        for path in played:
+            path.pump()
+
+    found = simulate(MotionKernel([axis] * 2, T), act, 4000)
+    for i in range(2):
+        cycles, positions = found.way_points(i)
+        assert positions.tolist() == points[1:, i].tolist()
+        assert found.position[cycles - 1, i].tolist() == positions.tolist()
+    assert replay(found).identical
 
 
 def test_external_drives_are_replayed_from_what_they_said(tmp_path: Path) -> None:

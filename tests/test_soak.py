@@ -141,7 +141,7 @@ def test_limits_lowered_on_the_way_never_carry_an_axis_beyond_its_own(seed: int)
     def act(host: Host) -> None:
         lower = Limits(*(rng.uniform(0.1, 1.0, 3) * [90.0, 300.0, 5000.0]))
         goal = rng.uniform(-160.0, 160.0, 3).tolist()
-        kind = int(rng.integers(9))
+        kind = int(rng.integers(11))
         try:
             if kind < 3:
                 sync = ("time", "phase", "none")[kind]
@@ -156,6 +156,10 @@ def test_limits_lowered_on_the_way_never_carry_an_axis_beyond_its_own(seed: int)
                 host.quick_stop()
             elif kind == 7:
                 host.override(abs(goal[0]) / 80.0)
+            elif kind == 8:
+                host.hold() if goal[1] > 0.0 else host.resume()
+            elif kind == 9:
+                host.move(goal, limits=lower, buffer="blend next" if goal[1] > 0.0 else "buffered")
             else:
                 host.set_limits(lower if goal[0] > 0.0 else LIMITS, axes=0)
         except InputError:

@@ -36,6 +36,7 @@ from sjerk.host import Host, Move, MoveState
 from sjerk.kernel import Axis, Image, MotionKernel, Reactions
 from sjerk.path import Path, Progress
 from sjerk.planning import Motion, Plans, plan, plan_many, plan_velocity
+from sjerk.playing import StreamPlayer
 from sjerk.profile import Extrema, Limits, Phase, Profile, Range, Samples, State, scurve
 from sjerk.recording import Gap, Recorder, Recording
 from sjerk.simulation import Difference, Replay, replay, simulate
@@ -99,6 +100,7 @@ __all__ = [
     "Settings",
     "SjerkError",
     "State",
+    "StreamPlayer",
     "StreamReport",
     "SupersededError",
     "Thinned",

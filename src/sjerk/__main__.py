@@ -11,7 +11,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from sjerk import commands, demo, record_commands
+from sjerk import commands, demo, record_commands, trajectory_commands
 from sjerk.errors import (
     KernelGoneError,
     MotionStoppedError,
@@ -44,6 +44,7 @@ def arguments() -> argparse.ArgumentParser:
     )
     commands.add_arguments(jobs)
     record_commands.add_arguments(jobs)
+    trajectory_commands.add_arguments(jobs)
     job = jobs.add_parser("clean", help="remove the segments of kernels that are dead")
     job.add_argument("--dry-run", action="store_true", help="list, remove nothing")
     job.set_defaults(run=_clean)

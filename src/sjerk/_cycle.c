@@ -125,7 +125,7 @@ void sj_cycle_react(sj_kernel *kernel, int32_t cause, uint64_t axes)
     if (kernel->reaction[cause] == SJ_REACT_HALT)
         sj_goal_halt(kernel, axes);
     else if (kernel->reaction[cause] == SJ_REACT_QUICK_STOP)
-        sj_goal_quick_stop(kernel, axes);
+        sj_goal_quick_stop(kernel, axes, 0);
 }
 
 /* ---- observe ---- */
@@ -229,12 +229,13 @@ static void stop_homing(sj_kernel *kernel, uint64_t axes, int32_t trigger)
 /* Levels and counters of all axes. Returns whether it brought a stop. */
 static int32_t take_axes(sj_kernel *kernel)
 {
-    uint64_t halts = 0, quick_stops = 0, disabled = 0;
+    uint64_t halts = 0, quick_stops = 0, together = 0, disabled = 0;
     for (int32_t i = 0; i < kernel->axes; i++) {
         const sj_axis_command *in = &kernel->command.axis[i];
         sj_axis *ax = &kernel->axis[i];
         halts |= (uint64_t)(in->halts != ax->halts) << i;
         quick_stops |= (uint64_t)(in->quick_stops != ax->quick_stops) << i;
+        together |= (uint64_t)(in->together != 0) << i;
         disabled |= (uint64_t)(ax->enable && !in->enable) << i;
         if (in->resets != ax->resets) {
             ax->reset = 2; /* one cycle low, then the edge */
@@ -252,7 +253,7 @@ static int32_t take_axes(sj_kernel *kernel)
     sj_ahead_stop(kernel, halts | quick_stops | disabled);
     stop_homing(kernel, halts | quick_stops, SJ_TRIGGER_HALT);
     sj_goal_halt(kernel, halts & ~quick_stops);
-    sj_goal_quick_stop(kernel, quick_stops);
+    sj_goal_quick_stop(kernel, quick_stops, together);
     return (halts | quick_stops) != 0;
 }
 

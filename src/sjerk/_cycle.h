@@ -71,7 +71,8 @@ void sj_goal_reached(sj_kernel *kernel, int32_t axis);
 void sj_goal_ceiling(sj_axis *ax);
 /* Stops of the axes of a set, from the commanded state. */
 void sj_goal_halt(sj_kernel *kernel, uint64_t axes);
-void sj_goal_quick_stop(sj_kernel *kernel, uint64_t axes);
+/* together: those of them that are slowed to stop with the slowest. */
+void sj_goal_quick_stop(sj_kernel *kernel, uint64_t axes, uint64_t together);
 
 /* Records that have come: taken in order, a few per cycle, each offered to its room when its turn has
  * come, that is when no earlier record of its axes waits. */

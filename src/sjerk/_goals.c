@@ -49,19 +49,25 @@ static void raise(double *limit, double least)
     *limit = fmax(*limit, least);
 }
 
-/* At rest the limits of the axis; else the largest of them since then. */
+static void raise_all(sj_limits *limits, const sj_limits *least)
+{
+    raise(&limits->velocity, least->velocity);
+    raise(&limits->acceleration, least->acceleration);
+    raise(&limits->jerk, least->jerk);
+    raise(&limits->deceleration, least->deceleration);
+    raise(&limits->deceleration_jerk, least->deceleration_jerk);
+}
+
+/* At rest the limits of the axis; else the largest since then, of the axis and of its goals: a motion
+ * keeps its own though those of the axis have been lowered meanwhile. */
 void sj_goal_ceiling(sj_axis *ax)
 {
-    const sj_limits *own = &ax->config.limits;
-    if (!axis_moving(ax)) {
-        ax->ceiling = *own;
-        return;
-    }
-    raise(&ax->ceiling.velocity, own->velocity);
-    raise(&ax->ceiling.acceleration, own->acceleration);
-    raise(&ax->ceiling.jerk, own->jerk);
-    raise(&ax->ceiling.deceleration, own->deceleration);
-    raise(&ax->ceiling.deceleration_jerk, own->deceleration_jerk);
+    if (!axis_moving(ax))
+        ax->ceiling = ax->config.limits;
+    else
+        raise_all(&ax->ceiling, &ax->config.limits);
+    if (axis_moving(ax) && ax->goal.kind != SJ_GOAL_NONE)
+        raise_all(&ax->ceiling, &ax->goal.limits);
 }
 
 /* In whole cycles n, v in the direction of a: v + n a / 2 <= V, jerk a / n. */
@@ -73,9 +79,9 @@ sj_limits sj_goal_kept(const sj_axis *ax, const sj_limits *asked)
     if (a == 0.0)
         return limits;
     most = fmax(ax->ceiling.jerk, ax->ceiling.deceleration_jerk);
-    n = floor(2.0 * (ax->ceiling.velocity - v) / a);
-    if (n >= 1.0)
-        most = fmin(most, a / n);
+    n = floor(2.0 * (ax->ceiling.velocity - v) / a + 1e-9);
+    if (n >= 1.0 && a / n <= most * (1.0 + 1e-9)) /* a plan at its limits is so up to rounding */
+        most = a / n * (1.0 + 1e-12);
     raise(&limits.jerk, most);
     raise(&limits.deceleration_jerk, most);
     return limits;
@@ -113,11 +119,11 @@ static const sj_limits *limits_of(const sj_axis *ax)
 }
 
 /* The same stop in exactly so many cycles where that works, and not beyond the goal. */
-static void stretch(const sj_axis *ax, int64_t cycles, sj_plan *plan)
+static void stretch(const sj_axis *ax, const sj_limits *own, int64_t cycles, sj_plan *plan)
 {
     continuous at = axis_commanded(ax);
     double low, high, way = sj_goal_way(plan, at.V.hi, at.A.hi, &low, &high);
-    sj_limits limits = sj_goal_kept(ax, limits_of(ax));
+    sj_limits limits = sj_goal_kept(ax, own);
     sj_plan longer;
     way *= (double)cycles / (double)(plan->cycles > 0 ? plan->cycles : 1);
     if (!ax->interpolator.goal_free) {
@@ -202,7 +208,7 @@ static void halt_together(sj_kernel *kernel, const int32_t *axes, int32_t n)
         }
         for (int32_t i = 0; i < n; i++)
             if (kernel->plan[i].cycles < longest)
-                stretch(&kernel->axis[axes[i]], longest, &kernel->plan[i]);
+                stretch(&kernel->axis[axes[i]], &limits[i], longest, &kernel->plan[i]);
     }
     for (int32_t i = 0; i < n; i++)
         rest &= rests_within(&kernel->axis[axes[i]], kernel->plan[i].cycles);
@@ -239,6 +245,7 @@ void sj_goal_halt(sj_kernel *kernel, uint64_t set)
             continue;
         n = group_of(kernel, i, &set, axes);
         for (int32_t k = 0; k < n; k++) {
+            sj_goal_ceiling(&kernel->axis[axes[k]]);
             sj_ahead_stop(kernel, UINT64_C(1) << axes[k]);
             sj_cycle_trigger(kernel, axes[k], SJ_TRIGGER_HALT);
         }
@@ -252,15 +259,17 @@ void sj_goal_halt(sj_kernel *kernel, uint64_t set)
     }
 }
 
-void sj_goal_quick_stop(sj_kernel *kernel, uint64_t set)
+void sj_goal_quick_stop(sj_kernel *kernel, uint64_t set, uint64_t together)
 {
+    uint64_t planned = 0;
+    int64_t longest = 0;
     sj_path_leave(kernel, set);
     for (int32_t i = 0; i < kernel->axes; i++) {
         sj_axis *ax = &kernel->axis[i];
         sj_limits limits;
-        sj_plan plan;
         if ((set >> i & 1) == 0 || !ax->following)
             continue;
+        sj_goal_ceiling(ax);
         sj_ahead_stop(kernel, UINT64_C(1) << i);
         sj_cycle_trigger(kernel, i, SJ_TRIGGER_QUICK_STOP);
         if (!axis_moving(ax)) {
@@ -268,10 +277,22 @@ void sj_goal_quick_stop(sj_kernel *kernel, uint64_t set)
             continue;
         }
         limits = sj_goal_kept(ax, &ax->config.stop_limits);
-        if (plan_stop(ax, &limits, &plan) != SJ_PLAN_OK)
+        if (plan_stop(ax, &limits, &kernel->plan[i]) != SJ_PLAN_OK) {
             ax->drive_stop = 1;
-        else if (!rests_within(ax, plan.cycles)) {
-            load_stop(ax, &plan);
+            continue;
+        }
+        planned |= UINT64_C(1) << i;
+        if ((together >> i & 1) && kernel->plan[i].cycles > longest)
+            longest = kernel->plan[i].cycles;
+    }
+    for (int32_t i = 0; i < kernel->axes; i++) {
+        sj_axis *ax = &kernel->axis[i];
+        if ((planned >> i & 1) == 0)
+            continue;
+        if ((together >> i & 1) && kernel->plan[i].cycles < longest)
+            stretch(ax, &ax->config.stop_limits, longest, &kernel->plan[i]);
+        if (!rests_within(ax, kernel->plan[i].cycles)) {
+            load_stop(ax, &kernel->plan[i]);
             give_up(ax);
         }
     }
@@ -470,6 +491,8 @@ int32_t sj_goal_begin(sj_kernel *kernel, goal_set *set)
     uint64_t together = 0;
 
     set->refused = -1;
+    for (int32_t i = 0; i < set->n; i++)
+        sj_goal_ceiling(&kernel->axis[set->axes[i]]);
     if (!wait) {
         result = plan_goals(kernel, set->axes, set->goal, set->n, &synchronization,
                             set->least_cycles, 0, &set->refused, ways);
@@ -522,7 +545,6 @@ void sj_goal_take(sj_kernel *kernel, int32_t stopped)
         sj_axis_goal *goal = &set.goal[set.n];
         if (command->axis[i].goal.kind == SJ_GOAL_NONE)
             continue;
-        sj_goal_ceiling(ax);
         *goal = command->axis[i].goal;
         sj_path_hand_over(kernel, i);
         if (goal->kind == SJ_GOAL_RELATIVE) {
@@ -555,7 +577,8 @@ void sj_goal_again(sj_kernel *kernel)
 {
     uint64_t set = 0;
     for (int32_t i = 0; i < kernel->axes; i++) {
-        const sj_axis *ax = &kernel->axis[i];
+        sj_axis *ax = &kernel->axis[i];
+        sj_goal_ceiling(ax);
         if (ax->following && (ax->goal.kind == SJ_GOAL_JOG ||
                               (ax->goal.kind == SJ_GOAL_ABSOLUTE && !ax->reached)))
             set |= UINT64_C(1) << i;

@@ -987,7 +987,7 @@ typedef struct {
     sj_limits limits;                   /* of the axis, taken when limit_sets is new */
     int32_t enable;
     uint32_t halts, quick_stops, resets, limit_sets;
-    int32_t reserved;
+    int32_t together;                   /* 1: this quick stop lasts as long as the longest with it */
 } sj_axis_command;
 
 typedef struct {

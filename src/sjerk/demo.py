@@ -1,15 +1,17 @@
 """The main job: the paper's experiment (its Figures 6 and 7) on a recorded path.
 
 A kernel with one Sigma-7 drive of 24 bits. First the host moves it to the end of the path in one
-move, then it streams every recorded point at its time, each interrupting the motion before, as the
-paper's control node does. Recorded is what was commanded and what the encoder said.
+move, then it streams every recorded point at its time: each interrupting the motion before, as the
+paper's control node does; with look-ahead that can always stop on the last one; and with look-ahead
+that trusts the stream. Recorded is what was commanded and what the encoder said.
 """
 
 from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +20,7 @@ from sjerk.errors import InputError
 from sjerk.feedback import AxisFeedback, Distribution, Timing
 from sjerk.host import Host
 from sjerk.kernel import Axis, MotionKernel
+from sjerk.playing import StreamPlayer
 from sjerk.profile import FloatArray, Limits
 from sjerk.trajectory import Recording, read_recording
 
@@ -27,6 +30,10 @@ LIMITS = Limits.from_jerk_factor(
     velocity=90.0, acceleration=float(np.degrees(3.75)), jerk_factor=0.5
 )
 AFTER_S = 1.0
+#: Goal periods of the recording that look-ahead is behind it.
+DELAY = 4
+#: How long before it is due a piece is sent: a busy machine holds a host up.
+AHEAD_S = 0.1
 #: A dip: the speed falls by more than this share and rises again.
 DIP = 0.1
 
@@ -57,7 +64,7 @@ class Record:
                 continue
             axis = feedback.axes[0]
             self._add(feedback.cycle, axis, axis.goal_id > before.goal_id)
-            if goal != end or axis.goal != end or not axis.settled:
+            if goal != end or axis.position != end or axis.moving:
                 still_since = None
             elif still_since is None:
                 still_since = time.monotonic()
@@ -121,6 +128,24 @@ def streamed(host: Host, recording: Recording) -> Iterator[float]:
         yield float(recording.position[-1])
 
 
+def ahead(host: Host, recording: Recording, *, stop_within: bool) -> Generator[float, None, None]:
+    """Hand each recorded point at its time to a stream with look-ahead."""
+    period = float(np.median(np.diff(recording.time)))
+    with StreamPlayer(
+        host, period=period, delay=DELAY, ahead=AHEAD_S, stop_within=stop_within
+    ) as player:
+        start = time.monotonic()
+        for due, goal in zip(recording.time[1:], recording.position[1:], strict=True):
+            player.push([float(goal)], float(due))
+            while time.monotonic() - start < due:
+                yield float(goal)
+        player.end()
+        while not player.done:
+            yield float("nan")
+        while True:
+            yield float(recording.position[-1])
+
+
 def run(path: Path, out: Path, cycle_time: float, joint: str | None) -> int:
     """Do the experiment; prints the table, writes the picture. Returns the exit code."""
     _check_picture(out)
@@ -131,7 +156,9 @@ def run(path: Path, out: Path, cycle_time: float, joint: str | None) -> int:
         f"{path.name}: joint {recording.joint}, {len(recording.time)} points over "
         f"{recording.time[-1]:.2f} s, ends at {end:.3f} deg"
     )
-    single, stream = Record("one move"), Record("streamed")
+    single, stream = Record("one move"), Record("interrupted")
+    within, trusted = Record("stop within"), Record("look-ahead")
+    records = (single, stream, within, trusted)
     with MotionKernel(axes=[axis], cycle_time=cycle_time) as kernel, kernel.host() as host:
         try:
             host.enable()
@@ -139,6 +166,11 @@ def run(path: Path, out: Path, cycle_time: float, joint: str | None) -> int:
             single.follow(host, single_move(host, end), end)
             host.move(start).wait()
             stream.follow(host, streamed(host, recording), end)
+            for record in (within, trusted):
+                host.move(start).wait()
+                goals = ahead(host, recording, stop_within=record is within)
+                with closing(goals):
+                    record.follow(host, goals, end)
             timing = host.feedback().timing
             host.disable()
         except KeyboardInterrupt:
@@ -147,8 +179,8 @@ def run(path: Path, out: Path, cycle_time: float, joint: str | None) -> int:
             at = host.feedback().axes[0]
             print(f"stopped at {at.position:.6f} deg, velocity {at.velocity:g} deg/s")
             return 130
-    print(table((single, stream), timing, end, cycle_time))
-    return draw(out, recording, (single, stream), cycle_time)
+    print(table(recording, records, timing, cycle_time))
+    return draw(out, recording, records, cycle_time)
 
 
 def _check_picture(out: Path) -> None:
@@ -161,8 +193,12 @@ def _check_picture(out: Path) -> None:
         raise InputError("--out", str(out), "must be a file, not a folder")
 
 
-def table(records: tuple[Record, ...], timing: Timing, goal: float, cycle_time: float) -> str:
+def table(
+    recording: Recording, records: tuple[Record, ...], timing: Timing, cycle_time: float
+) -> str:
     """The figures of the run."""
+    goal = float(recording.position[-1])
+    own = dips(np.diff(recording.position) / np.diff(recording.time))
     rows: list[tuple[str, list[str]]] = [
         ("", [record.label for record in records]),
         (
@@ -183,7 +219,19 @@ def table(records: tuple[Record, ...], timing: Timing, goal: float, cycle_time: 
         peaks = [getattr(record, f"peak_{name}") for record in records]
         label = f"largest {name}, limit {most:.3f} {unit}"
         rows.append((label, [f"{peak:.4f} ({peak / most:.2%})" for peak in peaks]))
-    rows.append(("dips of the velocity > 10 %", [str(dips(r.column("velocity"))) for r in records]))
+    rows.append(
+        (
+            f"dips of the velocity > 10 %, path's own {own}",
+            [str(dips(r.column("velocity"))) for r in records],
+        )
+    )
+    plan = float(recording.time[-1])
+    rows.append(
+        (
+            f"in motion beside the path's {plan:.2f} s",
+            [f"{_moving(r) * cycle_time - plan:+.3f} s" for r in records],
+        )
+    )
     lines = [f"{name:46}" + "".join(f"{cell:>24}" for cell in cells) for name, cells in rows]
     lines.append("")
     lines.append(f"{'us':22}{'median':>10}{'p99':>10}{'p99.9':>10}{'worst':>10}")
@@ -195,6 +243,13 @@ def table(records: tuple[Record, ...], timing: Timing, goal: float, cycle_time: 
         lines.append(f"{name:22}{_us(row)}")
     lines.append(f"late: {timing.late} cycles skipped of {timing.period.count + 1 + timing.late}")
     return "\n".join(lines)
+
+
+def _moving(record: Record) -> int:
+    """Cycles from the first commanded change to the last."""
+    position = record.column("position")
+    changed = np.flatnonzero(np.diff(position) != 0.0)
+    return int(record.cycles[changed[-1] + 1] - record.cycles[changed[0]])
 
 
 def _error(record: Record, goal: float) -> int:
@@ -218,7 +273,7 @@ def draw(out: Path, recording: Recording, records: tuple[Record, ...], cycle_tim
         "acceleration / (deg/s^2)": [],
         "jerk / (deg/s^3)": [],
     }
-    for record, colour in zip(records, ("C0", "C1"), strict=True):
+    for record, colour in zip(records, ("C0", "C1", "C2", "C3"), strict=True):
         t = (np.array(record.cycles) - record.cycles[0]) * cycle_time
         for name in panel:
             field = name.split()[0]
@@ -226,13 +281,14 @@ def draw(out: Path, recording: Recording, records: tuple[Record, ...], cycle_tim
             panel[name].append(Curve(label, t, record.column(field), f"{colour}-"))
             if field in ("position", "velocity"):
                 actual = record.column(f"actual_{field}")
-                panel[name].append(Curve(f"{record.label}, actual", t, actual, "k:"))
+                label = "actual" if record is records[-1] else ""
+                panel[name].append(Curve(label, t, actual, "k:"))
     limits = {
         "velocity / (deg/s)": LIMITS.velocity,
         "acceleration / (deg/s^2)": LIMITS.acceleration,
         "jerk / (deg/s^3)": LIMITS.jerk,
     }
-    title = f"one move to the path's end, and every point streamed; cycle {cycle_time * 1e6:g} us"
+    title = f"one move, and every point streamed in three ways; cycle {cycle_time * 1e6:g} us"
     panels(out, title, panel, limits)
     print(f"picture: {out}")
     return 0

@@ -649,11 +649,17 @@ class Host(_Reader):
         """Halt all axes."""
         self.halt(timeout)
 
-    def quick_stop(self, timeout: float | None = 30.0, *, axes: Axes = None) -> None:
+    def quick_stop(
+        self, timeout: float | None = 30.0, *, axes: Axes = None, together: bool = False
+    ) -> None:
         """Bring each axis to rest as soon as its own stop limits allow.
 
-        Goals are refused until then.
+        Goals are refused until then. ``together``: all of them as late as the slowest, where the
+        way to a goal and the limits allow.
         """
+        with self._lock:
+            for i in self._chosen(axes):
+                self._command.axis[i].together = bool(together)
         self._stopped("quick_stops", axes, timeout)
 
     def _stopped(self, edge: str, axes: Axes, timeout: float | None) -> None:

@@ -18,12 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sjerk import storage
+from sjerk._binding import lib
 from sjerk.cia402 import DriveConfig
 from sjerk.errors import InputError, positive
-from sjerk.feedback import Event, EventKind
+from sjerk.feedback import Event, EventKind, PathState
 from sjerk.kernel import Axis, MotionKernel, Reactions
 from sjerk.profile import Limits
-from sjerk.trace import Chunk, Trace, event_dtype, frame_dtype, row_dtype
+from sjerk.trace import Chunk, Trace, event_dtype, frame_dtype, record_dtype, row_dtype
 
 FloatArray = NDArray[np.float64]
 _ROWS = 4096  # cycles of one piece of a file
@@ -329,6 +330,29 @@ class Recording:
         counts = np.array([axis.counts_per_unit * axis.gear for axis in self.axes])
         position: FloatArray = self.column("actual_counts") / counts
         return position
+
+    def way_points(self, axis: int) -> tuple[NDArray[np.int64], FloatArray]:
+        """Way-points of the paths that were played: planned cycle and position, axis units.
+
+        Where a path is run at its own speed, the commanded position of that cycle is the way-point.
+        """
+        kind = record_dtype(len(self.axes))
+        begun = {
+            event.goal_id: event.cycle - 1
+            for event in reversed(self.events)
+            if event.kind is EventKind.PATH and event.code == PathState.RUNS
+        }
+        cycles: list[int] = []
+        positions: list[float] = []
+        for record in np.ascontiguousarray(self.records["data"]).view(kind):
+            path, entry = int(record["goal_id"]), record["axis"][axis]
+            if path not in begun or entry["goal"]["kind"] == lib.SJ_GOAL_NONE:
+                continue
+            if record["kind"] == lib.SJ_RECORD_SEGMENT:
+                begun[path] += int(record["cycles"].sum())
+                cycles.append(begun[path])
+                positions.append(float(entry["position"]))
+        return np.array(cycles, np.int64), np.array(positions)
 
     @property
     def gaps(self) -> tuple[Gap, ...]:

@@ -114,7 +114,7 @@ class GoalStream:
         start: ArrayLike,
         *,
         period: float,
-        delay: int = 3,
+        delay: int = 4,
         margin: float = 0.0,
         stop_within: bool = False,
         joint_names: Sequence[str] | None = None,
@@ -185,6 +185,24 @@ class GoalStream:
     def end(self) -> None:
         """No goal comes any more: the motion ends at rest on the last one."""
         self._ended = self._stale = True
+
+    def rested(self, position: ArrayLike, cycle: int) -> None:
+        """Go on from rest elsewhere, in ``cycle``: what was handed out was not played to its end.
+
+        Counts as starved; the next goal is timed anew. Raises InputError.
+        """
+        self._knot = Knot.rest(self._row("position", position))
+        self._cycle = max(self._cycle, cycle)
+        self._units, self._held = [], np.empty(0, dtype=np.int64)
+        self._stale, self._starving, self._lag, self._pace = True, True, 0, 1.0
+        self._starved += 1
+        late = self._cycle + self._behind - (self._known[0].cycle if self._known else 0)
+        self._timed = bool(self._known)
+        self._known = [goal._replace(cycle=goal.cycle + late) for goal in self._known]
+        if self._known:
+            self._last = self._known[-1]
+            self._trail[-1] = self._last
+        self._begin = self._cycle
 
     # ---- what goes out
 
@@ -419,14 +437,18 @@ class GoalStream:
         return [_Unit(rows(chosen, i, i + 1), 1, True, i == last) for i in range(len(goals))]
 
     def _inside(self, made: Followed) -> bool:
-        """Whether the motion stays between its way-points, joint by joint, and in reach."""
+        """Whether the motion stays between the way-points of each segment, and in reach."""
         position = replace(made, first=1).sample().position
-        low, high, end = made.position.min(axis=0), made.position.max(axis=0), made.position[-1]
-        # where it turns on the way a smooth path goes a little further than its points
-        room = 0.25 * (high - low)
-        above = high + np.where(end == high, 0.0, room)
-        below = low - np.where(end == low, 0.0, room)
-        return bool(((position <= above) & (position >= below)).all()) and self._stays(made)
+        segment = np.repeat(np.arange(len(made)), made.cycles)
+        one, two = made.position[:-1], made.position[1:]
+        way = np.abs(two - one)
+        # where it turns a smooth path goes a little further than its points; not at the end
+        beside = np.vstack([way[:1], way, way[-1:]])
+        room = 0.5 * np.maximum(np.maximum(beside[:-2], beside[2:]), way)
+        room[-1] = 0.0
+        low, high = np.minimum(one, two) - room, np.maximum(one, two) + room
+        inside = (position >= low[segment]) & (position <= high[segment])
+        return bool(inside.all()) and self._stays(made)
 
     def _slowly(self, goals: Sequence[_Goal]) -> list[_Unit]:
         """To rest, on the last goal if the way there stays inside; then it can only be better."""

@@ -7,7 +7,8 @@ limits of the goals in execution; position, velocity and acceleration each conti
 before by the jerk of the cycle; targets the nearest increments; the command on the actual position
 while the drive does not follow; position limits. Per goal: one answer, in the cycle that took it.
 An episode is an axis' way from rest to rest: its limits are those of the goals of the episode, of
-the axis where a halt or a path came, of the quick stop where one came.
+the axis where a halt or a path came, of the quick stop where one came. Where a recording has a gap,
+answers are not judged, nor limits until the axis has come to rest.
 """
 
 from __future__ import annotations
@@ -111,7 +112,6 @@ def _answers(recording: Recording, verdict: Verdict) -> dict[int, Goal]:
     goals: dict[int, Goal] = {}
     commands = np.ascontiguousarray(chunk.commands["data"]).view(command_dtype(axes))
     before = 0
-    holes = {gap.before for gap in recording.gaps}
     for cycle, command in zip(chunk.commands["cycle"].tolist(), commands, strict=True):
         number = int(command["goal_id"])
         if number == before:
@@ -119,12 +119,12 @@ def _answers(recording: Recording, verdict: Verdict) -> dict[int, Goal]:
         before = number
         goals[number] = _goal(cycle, command["axis"]["goal"])
         found = answers.pop(number, [])
-        if [c for c, _ in found] != [cycle] and cycle not in holes:
+        if [c for c, _ in found] != [cycle] and not recording.gaps:
             verdict.find("goal without its answer", f"goal {number} of cycle {cycle}: {found}")
         for _, code in found[:1]:
             verdict.goals["accepted" if code == lib.SJ_RESULT_ACCEPTED else "refused"] += 1
     _records(recording, verdict, goals, answers)
-    for number, found in answers.items():
+    for number, found in answers.items() if not recording.gaps else ():
         verdict.find("answer without a goal", f"goal {number}: {found}")
     return goals
 
@@ -243,7 +243,10 @@ def _allowed(
     begins = np.unique(np.concatenate([[0], begins]))
     ends = np.concatenate([begins[1:], [n]])
     halts = _halts(recording, i)
+    led = (rows["flags"] & lib.SJ_TRACE_LED) != 0
+    path_begins = np.maximum.accumulate(np.where(led & ~np.roll(led, 1), np.arange(n), 0))
     cycle = frames["head"]["cycle"].astype(np.int64)
+    torn = np.diff(cycle, prepend=cycle[:1] - 1) != 1
     for low, high in zip(begins.tolist(), ends.tolist(), strict=True):
         part = slice(low, high + 3 if high < n else n)  # the differences reach back
         most = np.zeros(3)
@@ -257,11 +260,14 @@ def _allowed(
             fastest = max(limits[0], own[low:high, 0].max())
             limits[0] = min(limits[0] * max(override, 1.0), fastest)
             most = np.maximum(most, limits)
-        if (rows["flags"][low:high] & lib.SJ_TRACE_LED).any():
-            most = np.maximum(most, own[max(low - 1, 0) : high].max(axis=0))
+        if led[low:high].any():  # by a path, which keeps the limits it began under
+            first = path_begins[low + int(np.argmax(led[low:high]))]
+            most = np.maximum(most, own[max(first - 1, 0) : high].max(axis=0))
         state = rows["state"][low:high]
         if (state == lib.SJ_AXIS_STOPPING).any() or (state == lib.SJ_AXIS_ERROR_STOP).any():
             most = np.maximum(most, stop)
+        if torn[low] or torn[min(low + 1, n - 1)]:  # what came in a gap is not known
+            most = np.full(3, np.inf)
         first, last = int(cycle[low]), int(cycle[high - 1])
         halted = np.searchsorted(halts, [first, last + 1])
         if most.max() == 0.0 or halted[1] > halted[0]:

@@ -1,6 +1,6 @@
 """A kernel leads a CANopen drive: targets by PDO, SYNC, a heartbeat that the drive watches.
 
-    python examples/05_canopen_master.py [picture.png]
+    python examples/06_canopen_master.py [picture.png]
 
 Drive and master talk over a virtual bus here; `--interface socketcan --channel can0` and
 `sjerk drive` make the same of two machines. python-can is the extra `sjerk[canopen]`.
@@ -59,7 +59,7 @@ drive.join()
 
 position, actual, velocity = np.array(rows).T
 time_s = np.arange(len(rows)) * T
-out = Path(sys.argv[1] if len(sys.argv) > 1 else "05_canopen_master.png")
+out = Path(sys.argv[1] if len(sys.argv) > 1 else "06_canopen_master.png")
 panels(
     out,
     "60 degrees by PDO and SYNC",
