@@ -1,5 +1,5 @@
 /* One cycle of the kernel, top to bottom in the order of the data: observe the drives, collect the
- * command, watch, plan (_goals.c), interpolate, drive, publish.
+ * command, watch, plan (_goals.c, _stops.c), interpolate, drive, publish.
  *
  * Never here: equations, time, memory of its own, bit masks of drives.
  */
@@ -123,9 +123,9 @@ uint64_t sj_cycle_all(const sj_kernel *kernel)
 void sj_cycle_react(sj_kernel *kernel, int32_t cause, uint64_t axes)
 {
     if (kernel->reaction[cause] == SJ_REACT_HALT)
-        sj_goal_halt(kernel, axes);
+        sj_stop_halt(kernel, axes);
     else if (kernel->reaction[cause] == SJ_REACT_QUICK_STOP)
-        sj_goal_quick_stop(kernel, axes, 0);
+        sj_stop_quick(kernel, axes, 0);
 }
 
 /* ---- observe ---- */
@@ -252,8 +252,8 @@ static int32_t take_axes(sj_kernel *kernel)
     kernel->ahead.stop = kernel->command.stop_records;
     sj_ahead_stop(kernel, halts | quick_stops | disabled);
     stop_homing(kernel, halts | quick_stops, SJ_TRIGGER_HALT);
-    sj_goal_halt(kernel, halts & ~quick_stops);
-    sj_goal_quick_stop(kernel, quick_stops, together);
+    sj_stop_halt(kernel, halts & ~quick_stops);
+    sj_stop_quick(kernel, quick_stops, together);
     return (halts | quick_stops) != 0;
 }
 
@@ -330,7 +330,7 @@ static void watch(sj_kernel *kernel, uint64_t now_ns)
     if (kernel->ending && !kernel->ended) {
         kernel->ended = 1;
         stop_homing(kernel, sj_cycle_all(kernel), SJ_TRIGGER_HALT);
-        sj_goal_halt(kernel, sj_cycle_all(kernel));
+        sj_stop_halt(kernel, sj_cycle_all(kernel));
     }
     kernel->feedback.ending = kernel->ending;
 }

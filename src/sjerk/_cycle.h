@@ -1,5 +1,6 @@
-/* What the files of the cycle share: _cycle.c (top to bottom), _goals.c (goals and stops), _ahead.c
- * (what waits for its turn), _queue.c with _passage.c (moves among it) and _path.c (the path in play). */
+/* What the files of the cycle share: _cycle.c (top to bottom), _goals.c (goals), _group.c (the axes of
+ * one goal), _stops.c (halt and quick stop), _ahead.c (what waits for its turn), _queue.c with
+ * _passage.c (moves among it) and _path.c (the path in play). */
 #ifndef SJ_CYCLE_H
 #define SJ_CYCLE_H
 
@@ -14,6 +15,12 @@ static inline continuous axis_commanded(const sj_axis *ax)
 {
     const sj_interpolator *ip = &ax->interpolator;
     return lemma(ip->q, ip->v, ip->a, ip->j);
+}
+
+static inline void axis_give_up(sj_axis *ax)
+{
+    ax->goal.kind = SJ_GOAL_NONE; /* the same goal again is a new motion */
+    ax->parked = ax->reached = ax->onward = 0;
 }
 
 /* Motions wait on their way. */
@@ -69,10 +76,20 @@ void sj_goal_again(sj_kernel *kernel);
 void sj_goal_reached(sj_kernel *kernel, int32_t axis);
 /* After a change of the axis' limits, and before a motion is planned. */
 void sj_goal_ceiling(sj_axis *ax);
+
+/* The moving axes that share a goal with this one, itself first; cleared from the set. How many. */
+int32_t sj_group_of(const sj_kernel *kernel, int32_t axis, uint64_t *set, int32_t *axes);
+/* One plan for all axes of a straight line, so that they stay on it, into kernel->plan: to rest, or
+ * to their goals. -1: they are not on one. */
+int32_t sj_group_line(sj_kernel *kernel, const int32_t *axes, int32_t n,
+                      const sj_limits *limits, int32_t stop);
+
 /* Stops of the axes of a set, from the commanded state. */
-void sj_goal_halt(sj_kernel *kernel, uint64_t axes);
+void sj_stop_halt(sj_kernel *kernel, uint64_t axes);
 /* together: those of them that are slowed to stop with the slowest. */
-void sj_goal_quick_stop(sj_kernel *kernel, uint64_t axes, uint64_t together);
+void sj_stop_quick(sj_kernel *kernel, uint64_t axes, uint64_t together);
+/* The axes of one goal to rest, together where that works; their goals stay. */
+void sj_stop_together(sj_kernel *kernel, const int32_t *axes, int32_t n);
 
 /* Records that have come: taken in order, a few per cycle, each offered to its room when its turn has
  * come, that is when no earlier record of its axes waits. */

@@ -1,8 +1,7 @@
-/* Goals and stops: what is planned when, always from the commanded state, for groups of axes.
+/* Goals: what is planned for them when, always from the commanded state.
  *
- * A goal is taken by all its axes or by none. A halt slows all axes of a goal together; a quick stop
- * brings each to rest as soon as its own stop limits allow. Override and hold plan the goals anew
- * under other velocities, so all limits hold throughout. Never here: drives, memory, time.
+ * A goal is taken by all its axes or by none. Override and hold plan the goals anew under other
+ * velocities, so all limits hold throughout. Never here: drives, memory, time.
  */
 #include <math.h>   /* fabs, floor, isfinite, sqrt */
 #include <stddef.h>
@@ -85,217 +84,6 @@ sj_limits sj_goal_kept(const sj_axis *ax, const sj_limits *asked)
     raise(&limits.jerk, most);
     raise(&limits.deceleration_jerk, most);
     return limits;
-}
-
-/* ---- stops ---- */
-
-static void give_up(sj_axis *ax)
-{
-    ax->goal.kind = SJ_GOAL_NONE; /* the same goal again is a new motion */
-    ax->parked = ax->reached = ax->onward = 0;
-}
-
-static int32_t plan_stop(const sj_axis *ax, const sj_limits *limits, sj_plan *plan)
-{
-    continuous at = axis_commanded(ax);
-    return sj_plan_velocity(at.V.hi, at.A.hi, 0.0, limits, plan);
-}
-
-/* Whether it comes to rest by itself within so many cycles. */
-static int32_t rests_within(const sj_axis *ax, int64_t cycles)
-{
-    return ax->interpolator.goal_velocity == 0.0 && ax->interpolator.ahead <= cycles + 1;
-}
-
-static void load_stop(sj_axis *ax, const sj_plan *plan)
-{
-    if (sj_interpolator_load(&ax->interpolator, plan, 0.0, 0.0, 1) != SJ_LOAD_OK)
-        ax->drive_stop = 1;
-}
-
-static const sj_limits *limits_of(const sj_axis *ax)
-{
-    return ax->goal.kind != SJ_GOAL_NONE ? &ax->goal.limits : &ax->config.limits;
-}
-
-/* The same stop in exactly so many cycles where that works, and not beyond the goal. */
-static void stretch(const sj_axis *ax, const sj_limits *own, int64_t cycles, sj_plan *plan)
-{
-    continuous at = axis_commanded(ax);
-    double low, high, way = sj_goal_way(plan, at.V.hi, at.A.hi, &low, &high);
-    sj_limits limits = sj_goal_kept(ax, own);
-    sj_plan longer;
-    way *= (double)cycles / (double)(plan->cycles > 0 ? plan->cycles : 1);
-    if (!ax->interpolator.goal_free) {
-        double left = lemma_distance(&at, ax->interpolator.goal, 0.0);
-        if (left * way > 0.0 && fabs(way) > fabs(left))
-            way = left;
-    }
-    if (sj_plan_duration(way, at.V.hi, at.A.hi, 0.0, &limits, cycles, &longer) == SJ_PLAN_OK)
-        *plan = longer;
-}
-
-/* Limits of the leading axis under which every axis of a straight line keeps its own. */
-static void narrow(sj_limits *limits, const sj_limits *other, double ratio)
-{
-    ratio = fabs(ratio);
-    limits->velocity = fmin(limits->velocity, other->velocity / ratio);
-    limits->acceleration = fmin(limits->acceleration, other->acceleration / ratio);
-    limits->jerk = fmin(limits->jerk, other->jerk / ratio);
-    limits->deceleration = fmin(limits->deceleration, other->deceleration / ratio);
-    limits->deceleration_jerk = fmin(limits->deceleration_jerk, other->deceleration_jerk / ratio);
-}
-
-static int32_t leader_of(const sj_kernel *kernel, const int32_t *axes, int32_t n)
-{
-    int32_t leader = axes[0];
-    for (int32_t i = 0; i < n; i++) {
-        if (kernel->axis[axes[i]].line == 0.0)
-            return -1;
-        if (fabs(kernel->axis[axes[i]].line) > fabs(kernel->axis[leader].line))
-            leader = axes[i];
-    }
-    return leader;
-}
-
-/* One plan for all axes of a straight line, so that they stay on it. -1: they are not on one. */
-static int32_t plan_line(sj_kernel *kernel, const int32_t *axes, int32_t n,
-                         const sj_limits *limits, int32_t stop)
-{
-    int32_t leader = leader_of(kernel, axes, n), status;
-    const sj_axis *ax = &kernel->axis[leader < 0 ? 0 : leader];
-    continuous at = axis_commanded(ax);
-    sj_limits own = {INFINITY, INFINITY, INFINITY, INFINITY, INFINITY};
-    sj_plan plan;
-
-    if (leader < 0)
-        return -1;
-    for (int32_t i = 0; i < n; i++)
-        narrow(&own, &limits[i], kernel->axis[axes[i]].line / ax->line);
-    status = stop ? sj_plan_velocity(at.V.hi, at.A.hi, 0.0, &own, &plan)
-                  : sj_plan_move(lemma_distance(&at, ax->goal.goal, 0.0), at.V.hi, at.A.hi, 0.0,
-                                 &own, &plan);
-    if (status != SJ_PLAN_OK)
-        return -1;
-    for (int32_t i = 0; i < n; i++) {
-        double ratio = kernel->axis[axes[i]].line / ax->line;
-        kernel->plan[i] = plan;
-        kernel->plan[i].velocity *= fabs(ratio);
-        kernel->plan[i].acceleration *= fabs(ratio);
-        for (int32_t k = 0; k < plan.count; k++)
-            kernel->plan[i].phase[k].jerk *= ratio;
-    }
-    return 0;
-}
-
-/* All of them to rest, together where that works. */
-static void halt_together(sj_kernel *kernel, const int32_t *axes, int32_t n)
-{
-    sj_limits limits[SJ_AXES];
-    int64_t longest = 0;
-    int32_t rest = 1;
-
-    for (int32_t i = 0; i < n; i++)
-        limits[i] = sj_goal_kept(&kernel->axis[axes[i]], limits_of(&kernel->axis[axes[i]]));
-    if (plan_line(kernel, axes, n, limits, 1) != 0) {
-        for (int32_t i = 0; i < n; i++) {
-            if (plan_stop(&kernel->axis[axes[i]], &limits[i], &kernel->plan[i]) != SJ_PLAN_OK) {
-                kernel->axis[axes[i]].drive_stop = 1;
-                return;
-            }
-            if (kernel->plan[i].cycles > longest)
-                longest = kernel->plan[i].cycles;
-        }
-        for (int32_t i = 0; i < n; i++)
-            if (kernel->plan[i].cycles < longest)
-                stretch(&kernel->axis[axes[i]], &limits[i], longest, &kernel->plan[i]);
-    }
-    for (int32_t i = 0; i < n; i++)
-        rest &= rests_within(&kernel->axis[axes[i]], kernel->plan[i].cycles);
-    for (int32_t i = 0; i < n && !rest; i++) /* else: left to rest by itself */
-        load_stop(&kernel->axis[axes[i]], &kernel->plan[i]);
-}
-
-/* The moving axes that share a goal with this one, itself first; cleared from the set. */
-static int32_t group_of(const sj_kernel *kernel, int32_t axis, uint64_t *set, int32_t *axes)
-{
-    const sj_axis *ax = &kernel->axis[axis];
-    int32_t n = 0;
-    axes[n++] = axis;
-    *set &= ~(UINT64_C(1) << axis);
-    if (ax->goal.kind != SJ_GOAL_ABSOLUTE || ax->synchronization == SJ_SYNC_NONE)
-        return n;
-    for (int32_t i = 0; i < kernel->axes; i++) {
-        const sj_axis *other = &kernel->axis[i];
-        if (i == axis || other->goal.kind != SJ_GOAL_ABSOLUTE || other->goal_id != ax->goal_id ||
-            !other->following || other->reached)
-            continue;
-        axes[n++] = i;
-        *set &= ~(UINT64_C(1) << i);
-    }
-    return n;
-}
-
-void sj_goal_halt(sj_kernel *kernel, uint64_t set)
-{
-    set &= ~sj_path_halt(kernel, set);
-    for (int32_t i = 0; i < kernel->axes; i++) {
-        int32_t axes[SJ_AXES], n;
-        if ((set >> i & 1) == 0 || !kernel->axis[i].following)
-            continue;
-        n = group_of(kernel, i, &set, axes);
-        for (int32_t k = 0; k < n; k++) {
-            sj_goal_ceiling(&kernel->axis[axes[k]]);
-            sj_ahead_stop(kernel, UINT64_C(1) << axes[k]);
-            sj_cycle_trigger(kernel, axes[k], SJ_TRIGGER_HALT);
-        }
-        halt_together(kernel, axes, n);
-        for (int32_t k = 0; k < n; k++) {
-            sj_axis *ax = &kernel->axis[axes[k]];
-            if (!(ax->interpolator.ahead > 0 && !ax->interpolator.goal_free && !ax->parked))
-                if (!(ax->reached && !axis_moving(ax)))
-                    give_up(ax);
-        }
-    }
-}
-
-void sj_goal_quick_stop(sj_kernel *kernel, uint64_t set, uint64_t together)
-{
-    uint64_t planned = 0;
-    int64_t longest = 0;
-    sj_path_leave(kernel, set);
-    for (int32_t i = 0; i < kernel->axes; i++) {
-        sj_axis *ax = &kernel->axis[i];
-        sj_limits limits;
-        if ((set >> i & 1) == 0 || !ax->following)
-            continue;
-        sj_goal_ceiling(ax);
-        sj_ahead_stop(kernel, UINT64_C(1) << i);
-        sj_cycle_trigger(kernel, i, SJ_TRIGGER_QUICK_STOP);
-        if (!axis_moving(ax)) {
-            ax->parked = 0;
-            continue;
-        }
-        limits = sj_goal_kept(ax, &ax->config.stop_limits);
-        if (plan_stop(ax, &limits, &kernel->plan[i]) != SJ_PLAN_OK) {
-            ax->drive_stop = 1;
-            continue;
-        }
-        planned |= UINT64_C(1) << i;
-        if ((together >> i & 1) && kernel->plan[i].cycles > longest)
-            longest = kernel->plan[i].cycles;
-    }
-    for (int32_t i = 0; i < kernel->axes; i++) {
-        sj_axis *ax = &kernel->axis[i];
-        if ((planned >> i & 1) == 0)
-            continue;
-        if ((together >> i & 1) && kernel->plan[i].cycles < longest)
-            stretch(ax, &ax->config.stop_limits, longest, &kernel->plan[i]);
-        if (!rests_within(ax, kernel->plan[i].cycles)) {
-            load_stop(ax, &kernel->plan[i]);
-            give_up(ax);
-        }
-    }
 }
 
 /* ---- goals ---- */
@@ -437,7 +225,7 @@ static int32_t plan_goals(sj_kernel *kernel, const int32_t *axes, const sj_axis_
         together[m] = axes[i];
         of[m++] = i;
     }
-    if (m > 0 && !(line && plan_line(kernel, together, m, limits, 0) == 0) &&
+    if (m > 0 && !(line && sj_group_line(kernel, together, m, limits, 0) == 0) &&
         sj_passage_plan(m, request, limits, least_cycles, synchronization, kernel->plan) !=
             SJ_PLAN_OK)
         return SJ_RESULT_PLAN;
@@ -589,11 +377,11 @@ void sj_goal_again(sj_kernel *kernel)
         double ways[SJ_AXES];
         if ((set >> i & 1) == 0)
             continue;
-        n = group_of(kernel, i, &set, axes);
+        n = sj_group_of(kernel, i, &set, axes);
         if (!sj_queue_release(kernel, axes, n))
             continue; /* too late to do anything before the goal; the next move does it */
         if (goal_held(kernel)) {
-            halt_together(kernel, axes, n);
+            sj_stop_together(kernel, axes, n);
             for (int32_t k = 0; k < n; k++) {
                 sj_axis *ax = &kernel->axis[axes[k]];
                 ax->parked = ax->interpolator.goal_free || ax->interpolator.ahead == 0;
@@ -607,9 +395,9 @@ void sj_goal_again(sj_kernel *kernel)
         synchronization = kernel->axis[i].synchronization;
         if (plan_goals(kernel, axes, goals, n, &synchronization, 0, !rest, &refused, ways) !=
             SJ_RESULT_ACCEPTED) {
-            halt_together(kernel, axes, n);
+            sj_stop_together(kernel, axes, n);
             for (int32_t k = 0; k < n; k++)
-                give_up(&kernel->axis[axes[k]]);
+                axis_give_up(&kernel->axis[axes[k]]);
             continue;
         }
         for (int32_t k = 0; k < n; k++) {

@@ -212,7 +212,7 @@ static uint64_t let_go(sj_kernel *kernel)
 void sj_path_leave(sj_kernel *kernel, uint64_t axes)
 {
     if (axes & kernel->path.led)
-        sj_goal_halt(kernel, let_go(kernel) & ~axes);
+        sj_stop_halt(kernel, let_go(kernel) & ~axes);
 }
 
 /* ---- one cycle ------------------------------------------------------------------------------- */
@@ -295,7 +295,7 @@ void sj_path_step(sj_kernel *kernel)
     status = sj_player_step(player);
     report(kernel);
     if (status == SJ_PACE_LOST) {
-        sj_goal_halt(kernel, let_go(kernel));
+        sj_stop_halt(kernel, let_go(kernel));
         return;
     }
     lead(kernel);

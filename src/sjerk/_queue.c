@@ -79,7 +79,7 @@ static void come_to_rest(sj_kernel *kernel, uint64_t axes)
 {
     uint64_t stop = kernel->ahead.stop;
     kernel->ahead.stop = 0; /* what waits behind it may go on */
-    sj_goal_halt(kernel, axes);
+    sj_stop_halt(kernel, axes);
     kernel->ahead.stop = stop;
 }
 
