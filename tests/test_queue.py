@@ -28,7 +28,7 @@ from sjerk import (
     plan_velocity,
 )
 from sjerk._binding import ffi, lib
-from sjerk.host import Monitor
+from sjerk.monitor import Monitor
 
 T = 1e-3
 COUNTS = 2**24 / 360.0

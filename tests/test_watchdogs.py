@@ -27,7 +27,7 @@ from sjerk import (
     storage,
 )
 from sjerk._binding import lib
-from sjerk.host import Monitor
+from sjerk.monitor import Monitor
 from sjerk.recording import Recorder, Recording
 from sjerk.simulation import replay
 

@@ -32,8 +32,9 @@ from sjerk.feedback import (
     Timing,
 )
 from sjerk.following import Followed, Segment, follow, follow_path, follow_stops
-from sjerk.host import Host, Move, MoveState
+from sjerk.host import Host
 from sjerk.kernel import Axis, Image, MotionKernel, Reactions
+from sjerk.move import Move, MoveState
 from sjerk.path import Path, Progress
 from sjerk.planning import Motion, Plans, plan, plan_many, plan_velocity
 from sjerk.playing import StreamPlayer

@@ -1,9 +1,11 @@
 /* Double-double arithmetic: a value as the unevaluated sum hi + lo, about 106 bits (Dekker 1971,
  * Knuth TAOCP 4.2.2). The ground under the interpolator: it makes the sums of Eqs. (15)-(17) exact
- * far below the last bit of what is sent. Needs round-to-nearest and no contraction or fast-math. Include after _kernel.h (sj_exact).
+ * far below the last bit of what is sent. Needs round-to-nearest and no contraction or fast-math.
+ * Include after <stdint.h> and _kernel.h (sj_exact).
  */
 #ifndef SJ_EXACT_H
 #define SJ_EXACT_H
+#include <string.h> /* memcpy of bits */
 
 static inline sj_exact exact_of(double x)
 {
@@ -78,6 +80,20 @@ static inline sj_exact exact_divide(sj_exact x, double divisor)
     r = exact_subtract(r, exact_two_product(q2, divisor));
     sj_exact q = exact_fast_two_sum(q1, q2);
     return exact_add(q, exact_of(r.hi / divisor));
+}
+
+/* The double nearest to hi + lo, where hi is the nearest or next to it. Midway between two, and nearer
+ * to midway than sums in another order can tell, it is the even one: so all orders agree. */
+static inline double exact_nearest(double hi, double lo)
+{
+    double other = hi + lo * (1.0 + 0x1p-24);
+    uint64_t a, b, odd;
+    memcpy(&a, &hi, sizeof a);
+    memcpy(&b, &other, sizeof b);
+    odd = (uint64_t)0 - (a & 1);
+    a = (a & ~odd) | (b & odd);
+    memcpy(&hi, &a, sizeof hi);
+    return hi;
 }
 
 /* Halving is exact. */

@@ -36,7 +36,9 @@ static void integrate(sj_interpolator *ip, sj_exact j)
     v = plus(plus(ip->v, mean(a, ip->a)), ip->spread_v);
     /* Eq. (17): q[k] = q[k-1] + 0.5 (v[k] + v[k-1]) */
     q = plus(ip->q, mean(v, ip->v));
-    ip->q = plus(q, ip->spread_q);
+    q = plus(q, ip->spread_q);
+    ip->q.hi = exact_nearest(q.hi, q.lo);
+    ip->q.lo = q.lo - (ip->q.hi - q.hi);
     ip->v = v;
     ip->a = a;
     ip->j = j;
@@ -245,7 +247,8 @@ WIDE static void fill_block(sj_interpolator *ip, double cycle_time_s, int64_t ro
         sj_exact s2 = exact_two_sum(s1.hi, m2 * t2);
         sj_exact s3 = exact_two_sum(s2.hi, m2 * m * t3);
         double low = (s1.lo + s2.lo + s3.lo) + (q_lo + m * (r1 + m * (r2 + m * r3)));
-        position[i] = s3.hi + low;
+        sj_exact q = exact_two_sum(s3.hi, low);
+        position[i] = exact_nearest(q.hi, q.lo);
         velocity[i] = v + m * (v_a + m * v_j);
         acceleration[i] = a + m * j;
         jerks[i] = jerk;

@@ -39,7 +39,7 @@ typedef struct {
     sj_phase phase[SJ_PHASES];
 } sj_plan;
 
-/* ---- peers: profile (_profile.c) ------------------------------------------------------------- */
+/* ---- peers: profile (_profile.c, _length.c) -------------------------------------------------- */
 
 /* Magnitudes, per cycle; the direction of the motion has the first pair, against it the second. */
 typedef struct {
@@ -82,7 +82,7 @@ typedef struct {
     double distance, v0, a0, v1;        /* continuous, per cycle */
 } sj_request;
 
-/* n axes in the same and fewest cycles, at least `cycles`. */
+/* n axes, SJ_AXES at most, in the same and fewest cycles, at least `cycles`. */
 int32_t sj_plan_together(int32_t n, const sj_request *requests, const sj_limits *limits,
                          int64_t cycles, sj_plan *plans);
 
@@ -95,9 +95,10 @@ enum sj_synchronization {
 
 int32_t sj_plan_axes(int32_t n, const sj_request *request, const sj_limits *limits,
                      int64_t least_cycles, int32_t *synchronization, sj_plan *plans);
-/* States and limits as memory of sj_state and sj_limits: Python passes joined bytes. */
-int32_t sj_plan_samples(int32_t n, double cycle_time_s, const void *from, const void *to,
-                        const void *limits, int64_t least_cycles, int32_t *synchronization,
+/* States and limits as memory of sj_state and sj_limits, since Python passes joined bytes: n starts and
+ * n targets; n limits, and what one of each of their numbers is per cycle. */
+int32_t sj_plan_samples(int32_t n, double cycle_time_s, const void *states, const void *limits,
+                        const void *unit, int64_t least_cycles, int32_t *synchronization,
                         sj_plan *plans);
 int32_t sj_plan_sample(double cycle_time_s, const void *from, const void *to, const void *limits,
                        sj_plan *plan);

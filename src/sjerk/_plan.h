@@ -89,8 +89,35 @@ int sj_go_to_velocity(task *t, double v, sj_plan *p);
 int sj_by_stopping(const task *start, double length, sj_plan *p);
 int sj_by_shedding(const task *start, sj_plan *p);
 
+/* Ramp, cruise, ramp in continuous time: what does not depend on the peak velocity. */
+typedef struct {
+    /* virtual start without acceleration; velocity when the acceleration is brought to zero */
+    double vs, vz;
+    double t0, p0;      /* what the virtual start adds to time and distance */
+    double low;         /* lowest peak velocity of the family */
+} family;
+
+/* The same in whole cycles: lengths of the phases, cruise velocity and first level. The second ramp
+   takes n5, n6, n5. */
+typedef struct { double n1, n2, n3, n4, n5, n6; double v, a; } seven;
+
+static inline double seven_cycles(const seven *s)
+{
+    return s->n1 + s->n2 + s->n3 + s->n4 + 2 * s->n5 + s->n6;
+}
+
 /* _profile.c */
+family sj_family_of(const task *t);
+int sj_seven_fit(const task *t, seven *s);
+void sj_seven_put(sj_plan *p, const task *t, const seven *s);
+void sj_even_counts(double x, double z, double amax, double jerk, double *rise, double *hold);
+void sj_ramp_counts(double a0, double x, double z, double amax, double jerk, double jerk1,
+    double *n1, double *n2, double *n3);
+task sj_pushed_up(const task *start);
 int sj_move(const task *start, sj_plan *p, int again);
+int sj_valid(double h, double v0, double a0, double v1, const sj_limits *l);
+task sj_task_of(double h, double v0, double a0, double v1, const sj_limits *l);
+void sj_note_scale(sj_plan *p, const sj_limits *l);
 
 /* What a search for a length has learnt, for both directions: cycles up to the velocity limit, and
    down from it. */

@@ -83,20 +83,27 @@ int32_t sj_plan_axes(int32_t n, const sj_request *request, const sj_limits *limi
     return sj_plan_together(n, request, limits, least_cycles, plans);
 }
 
-int32_t sj_plan_samples(int32_t n, double cycle_time_s, const void *from, const void *to,
-                        const void *limits, int64_t least_cycles, int32_t *synchronization,
+int32_t sj_plan_samples(int32_t n, double cycle_time_s, const void *states, const void *limits,
+                        const void *unit, int64_t least_cycles, int32_t *synchronization,
                         sj_plan *plans)
 {
-    const sj_state *start = from, *end = to;
+    const sj_state *start = states, *end = start + n;
+    const sj_limits *limit = limits, *one = unit;
     sj_request request[SJ_AXES];
+    sj_limits per_cycle[SJ_AXES];
     if (n < 1 || n > SJ_AXES)
         return SJ_PLAN_INVALID;
     for (int32_t i = 0; i < n; i++) {
         if (end[i].acceleration != 0.0)
             return SJ_PLAN_INVALID;
         request[i] = between(cycle_time_s, &start[i], &end[i]);
+        per_cycle[i] = (sj_limits){limit[i].velocity * one->velocity,
+                                   limit[i].acceleration * one->acceleration,
+                                   limit[i].jerk * one->jerk,
+                                   limit[i].deceleration * one->deceleration,
+                                   limit[i].deceleration_jerk * one->deceleration_jerk};
     }
-    return sj_plan_axes(n, request, limits, least_cycles, synchronization, plans);
+    return sj_plan_axes(n, request, per_cycle, least_cycles, synchronization, plans);
 }
 
 /* One axis. */

@@ -1,7 +1,7 @@
 /* Plans from any state to any target, in whole control cycles.
 
    Holds the paper's Eqs. 9-14 for any start: with the lengths of the phases fixed to whole cycles,
-   levels and velocity follow from two linear equations (seven_fit, four_fit). The lengths come
+   levels and velocity follow from two linear equations (sj_seven_fit, four_fit). The lengths come
    from the continuous optimum, which is one scalar root: ramp, cruise, ramp with the peak
    velocity as unknown (family), or braking that is eased for a while (by_easing). Where no
    rounding serves, the mix of two plans of equal length does (_mix.c); where that fails too, the
@@ -13,21 +13,14 @@
    jerk in the direction of the move, deceleration and deceleration jerk against it, whatever the
    sign of the velocity; the direction is the sign of h, or of v1, v0, a0, the first that is not
    zero (sj_plan_velocity: of v1, v0, a0). Work is bounded: NEWTON_STEPS per root, LENGTH_STEPS
-   lengths per search, SYNC_ROUNDS rounds of synchronisation.
+   lengths per search.
 
-   Never here: memory, clocks, statics, input or output, following error, cycle time. */
+   Never here: a length that is given (_length.c), memory, clocks, statics, input or output, following error, cycle time. */
 #include "_plan.h"
 
 /* ---- the shortest move in continuous time ---- */
 
-typedef struct {
-    /* virtual start without acceleration; velocity when the acceleration is brought to zero */
-    double vs, vz;
-    double t0, p0;      /* what the virtual start adds to time and distance */
-    double low;         /* lowest peak velocity of the family */
-} family;
-
-static family family_of(const task *t)
+family sj_family_of(const task *t)
 {
     family f;
     if (t->a0 >= 0) {
@@ -97,11 +90,9 @@ static double family_peak(const task *t, const family *f, double at_low, int far
 
 /* ---- seven phases ---- */
 
-typedef struct { double n1, n2, n3, n4, n5, n6; double v, a; } seven;
-
 /* With the lengths fixed everything is linear in the cruise velocity (the paper's Eqs. 11-13 for
    any start): returns whether the plan keeps every limit. */
-static int seven_fit(const task *t, seven *s)
+int sj_seven_fit(const task *t, seven *s)
 {
     double n1 = s->n1, n2 = s->n2, n3 = s->n3, r2 = s->n5 + s->n6, m1 = n1 + n2 + n3,
         m2 = r2 + s->n5;
@@ -130,37 +121,46 @@ static int seven_fit(const task *t, seven *s)
     return fabs(turn) <= t->vmax * one;
 }
 
-static double seven_cycles(const seven *s)
-{
-    return s->n1 + s->n2 + s->n3 + s->n4 + 2 * s->n5 + s->n6;
-}
-
-static void seven_put(sj_plan *p, const task *t, const seven *s)
+void sj_seven_put(sj_plan *p, const task *t, const seven *s)
 {
     double j1 = (s->a - t->a0) / s->n1, j3 = -s->a / s->n3,
         j5 = (t->v1 - s->v) * (1 / (s->n5 + s->n6)) / s->n5, d = t->sign;
+    /* the first of the plan, and what rises falls again: no rounding is left for a cruise to multiply */
+    int at_zero = p->count == 0 && t->a0 == 0.0 && s->n1 == s->n3;
     if (t->a0 == 0.0 && s->n1 == s->n3) j3 = -j1;
     sj_put(p, s->n1, d * j1);
     sj_put(p, s->n2, 0);
     sj_put(p, s->n3, d * j3);
-    sj_put_cruise(p, t, s->n4);
+    if (at_zero) sj_put(p, s->n4, 0); else sj_put_cruise(p, t, s->n4);
     sj_put(p, s->n5, d * j5);
     sj_put(p, s->n6, 0);
     sj_put(p, s->n5, -d * j5);
 }
 
+/* Cycles of rise, hold, fall that change the velocity by x from no acceleration toward level z and
+   back: rise and fall are equal. */
+void sj_even_counts(double x, double z, double amax, double jerk, double *rise, double *hold)
+{
+    double best = INFINITY, fewest = most(1, down(z / jerk));
+    *rise = 1; *hold = 0;
+    for (int i = 0; i < 2; i++) {
+        double r = fewest + i, level = least(amax, r * jerk), m = most(2 * r, up(x / level + r));
+        if (m < best) { best = m; *rise = r; *hold = m - 2 * r; }
+    }
+}
+
 /* Cycles of rise (n1), hold (n2), fall (n3) that change the velocity by x from acceleration a0
    toward level z. */
-static void ramp_counts(double a0, double x, double z, double amax, double jerk, double jerk1,
+void sj_ramp_counts(double a0, double x, double z, double amax, double jerk, double jerk1,
     double *n1, double *n2, double *n3)
 {
+    if (a0 == 0) { sj_even_counts(x, z, amax, jerk, n1, n2); *n3 = *n1; return; }
     double f = z / jerk, g = (z - a0) / jerk1, best = INFINITY;
     double f0 = most(1, down(f)), g0 = most(1, down(g));
     *n1 = *n3 = 1; *n2 = 0;
     for (int i = 0; i < 2; i++)
         for (int k = g < 1 && f0 > 1 ? -1 : 0; k < 2; k++) {
             double r1 = g0 + i, r3 = f0 + k;
-            if (a0 == 0 && i != k) continue;
             double level = least(amax, least(r3 * jerk, a0 + r1 * jerk1));
             if (!(level > 0)) continue;
             double m = most(r1 + r3, up((x - 0.5 * r1 * a0) / level + 0.5 * (r1 + r3)));
@@ -173,12 +173,12 @@ static void seven_shorten(const task *t, seven *s, double least_cycles)
 {
     for (int round = 0; round < LENGTH_STEPS && seven_cycles(s) - least_cycles >= 1; round++) {
         seven c = *s;
-        if (s->n4 > 0) { c.n4 -= 1; if (seven_fit(t, &c)) { *s = c; continue; } c.n4 += 1; }
-        if (s->n2 > 0) { c.n2 -= 1; if (seven_fit(t, &c)) { *s = c; continue; } c.n2 += 1; }
-        if (s->n6 > 0) { c.n6 -= 1; if (seven_fit(t, &c)) { *s = c; continue; } c.n6 += 1; }
-        if (s->n1 > 1) { c.n1 -= 1; if (seven_fit(t, &c)) { *s = c; continue; } c.n1 += 1; }
-        if (s->n3 > 1) { c.n3 -= 1; if (seven_fit(t, &c)) { *s = c; continue; } c.n3 += 1; }
-        if (s->n5 > 1) { c.n5 -= 1; c.n6 += 1; if (seven_fit(t, &c)) { *s = c; continue; } }
+        if (s->n4 > 0) { c.n4 -= 1; if (sj_seven_fit(t, &c)) { *s = c; continue; } c.n4 += 1; }
+        if (s->n2 > 0) { c.n2 -= 1; if (sj_seven_fit(t, &c)) { *s = c; continue; } c.n2 += 1; }
+        if (s->n6 > 0) { c.n6 -= 1; if (sj_seven_fit(t, &c)) { *s = c; continue; } c.n6 += 1; }
+        if (s->n1 > 1) { c.n1 -= 1; if (sj_seven_fit(t, &c)) { *s = c; continue; } c.n1 += 1; }
+        if (s->n3 > 1) { c.n3 -= 1; if (sj_seven_fit(t, &c)) { *s = c; continue; } c.n3 += 1; }
+        if (s->n5 > 1) { c.n5 -= 1; c.n6 += 1; if (sj_seven_fit(t, &c)) { *s = c; continue; } }
         break;
     }
 }
@@ -198,10 +198,10 @@ static int by_cruise(const task *t, const family *f, double at_low, int far, sev
     if (z1 > t->au) { z1 = t->au; t1 = x1 / z1 + z1 / t->ju; } else t1 = 2 * z1 / t->ju;
     if (z2 > t->ad) { z2 = t->ad; t2 = x2 / z2 + z2 / t->jd; } else t2 = 2 * z2 / t->jd;
     *optimum = f->t0 + t1 + t4 + t2;
-    double j1 = t->a0 < 0 ? least(t->ju, t->jd) : t->ju, n5, n6, n7;
+    double j1 = t->a0 < 0 ? least(t->ju, t->jd) : t->ju, n5, n6;
     if (!(*optimum < LONGEST)) return 0;
-    ramp_counts(t->a0, v - t->v0, z1, t->au, t->ju, j1, &s->n1, &s->n2, &s->n3);
-    ramp_counts(0, v - t->v1, z2, t->ad, t->jd, t->jd, &n5, &n6, &n7);
+    sj_ramp_counts(t->a0, v - t->v0, z1, t->au, t->ju, j1, &s->n1, &s->n2, &s->n3);
+    sj_even_counts(v - t->v1, z2, t->ad, t->jd, &n5, &n6);
     s->n5 = n5; s->n6 = n6;
     double m1 = s->n1 + s->n2 + s->n3, m2 = 2 * n5 + n6;
     s->n4 = 0;
@@ -212,15 +212,15 @@ static int by_cruise(const task *t, const family *f, double at_low, int far, sev
                       + s->n3 * s->n3 / 3);
         s->n4 = most(0, up((t->h - d1 - 0.5 * (v + t->v1) * m2) / v));
     }
-    if (!seven_fit(t, s)) {
+    if (!sj_seven_fit(t, s)) {
         int ok = 0;
-        for (int i = 0; i < 2 && !ok; i++) { s->n4 += 1; ok = seven_fit(t, s); }
+        for (int i = 0; i < 2 && !ok; i++) { s->n4 += 1; ok = sj_seven_fit(t, s); }
         /* the peak is where full jerk carries the start anyway: come to zero, or a little across it
            and back */
         double total = s->n1 + s->n2 + s->n3 + s->n4, n1 = most(1, up(fabs(t->a0) / j1));
         for (int i = 0; i < 3 && !ok; i++) {
             s->n1 = n1 + i; s->n2 = 0; s->n3 = 1; s->n4 = most(0, total - s->n1 - 2);
-            ok = seven_fit(t, s);
+            ok = sj_seven_fit(t, s);
         }
         if (!ok) return 0;
     }
@@ -325,7 +325,7 @@ static void found_put(const attempt *a, sj_plan *p)
 {
     if (a->found == SJ_PLAN_CRUISE) {
         sj_append(p, &a->head);
-        seven_put(p, &a->rest, &a->s);
+        sj_seven_put(p, &a->rest, &a->s);
     } else
         four_put(p, &a->t, &a->e);
     p->kind = a->found;
@@ -341,22 +341,23 @@ static int cruise_after_zero(attempt *a, int far)
     if (u->ju == u->jd || u->a0 >= 0)
         return by_cruise(u, &a->f, a->at_low, far, &a->s, &a->optimum) ? SJ_PLAN_CRUISE : 0;
     sj_shed(u, &a->head);
-    family f = family_of(u);
+    family f = sj_family_of(u);
     int found = by_cruise(u, &f, family_distance(u, &f, f.low), far, &a->s, &a->optimum);
     a->optimum += (double)a->head.cycles;
     return found ? SJ_PLAN_CRUISE : 0;
 }
 
-static void best_of_phases(const task *start, attempt *a)
+/* Begins an attempt: the task is turned so that its push is up. Returns whether h lies beyond what the
+   lowest peak covers. */
+static int push_up(const task *start, attempt *a)
 {
     task *t = &a->t;
     *t = *start;
     if (t->a0 < 0 || (t->a0 == 0 && t->h < 0)) *t = mirrored(t);
-    a->f = family_of(t);
+    a->f = sj_family_of(t);
     a->at_low = family_distance(t, &a->f, a->f.low);
     double room = 1e-14 * (fabs(t->h) + fabs(a->at_low));
     a->direct = 0;
-    sj_begin(&a->head);
     if (t->h < a->at_low - room) {
         /* where the velocity turns against the push, easing a little first loses ground: see
            sj_move() */
@@ -364,13 +365,27 @@ static void best_of_phases(const task *start, attempt *a)
                   + ramp_time(most(0, a->f.low - t->v1), t->ad, t->jd);
         a->short_of = a->at_low - t->h;
         *t = mirrored(t);
-        a->f = family_of(t);
+        a->f = sj_family_of(t);
         a->at_low = family_distance(t, &a->f, a->f.low);
     }
-    if (t->h >= a->at_low - room || a->f.vz <= t->v1)
+    return t->h >= a->at_low - room;
+}
+
+task sj_pushed_up(const task *start)
+{
+    attempt a;
+    push_up(start, &a);
+    return a.t;
+}
+
+static void best_of_phases(const task *start, attempt *a)
+{
+    int beyond = push_up(start, a);
+    sj_begin(&a->head);
+    if (beyond || a->f.vz <= a->t.v1)
         a->found = cruise_after_zero(a, 0);
     else
-        a->found = by_easing(t, &a->f, &a->e, &a->optimum) ? SJ_PLAN_EASE : 0;
+        a->found = by_easing(&a->t, &a->f, &a->e, &a->optimum) ? SJ_PLAN_EASE : 0;
 }
 
 /* From a start that can keep the limits. The ways, in order: seven or four phases; a mix where
@@ -399,7 +414,7 @@ int sj_move(const task *start, sj_plan *p, int again)
         attempt d;
         summit turned[2] = {both[1], both[0]};
         d.t = mirrored(&a.t);
-        d.f = family_of(&d.t);
+        d.f = sj_family_of(&d.t);
         d.at_low = family_distance(&d.t, &d.f, d.f.low);
         d.found = cruise_after_zero(&d, 1);
         n = most(n, up(d.optimum));
@@ -412,90 +427,9 @@ int sj_move(const task *start, sj_plan *p, int again)
     return (start->a0 != 0 && sj_by_shedding(start, p)) || sj_by_stopping(start, INFINITY, p);
 }
 
-/* ---- a given length ---- */
-
-/* Time and distance of the fastest ramp to velocity v, in continuous time. */
-static void ramp_to(const task *t, const family *u, const family *d, double v, double *time,
-    double *distance)
-{
-    if (v >= u->vz) {
-        double x = ramp_time(most(0, v - u->vs), t->au, t->ju);
-        *time = u->t0 + x; *distance = u->p0 + (v + u->vs) / 2 * x;
-    } else {
-        double x = ramp_time(most(0, -v - d->vs), t->ad, t->jd);
-        *time = d->t0 + x; *distance = -d->p0 + (v - d->vs) / 2 * x;
-    }
-}
-
-/* Exactly n cycles: ramp, cruise at the velocity that fits, ramp. */
-static int by_cruise_of(const task *t, double n, seven *s)
-{
-    task o = mirrored(t);
-    family u = family_of(t), d = family_of(&o);
-    double lo = -t->vmax, hi = t->vmax, v = least(hi, most(lo, t->h / n)), t1 = 0, t2 = 0;
-    /* only the counts come from v; it is solved for again */
-    double scale = 1e-5 * fabs(t->h) + 1e-12 * t->vmax;
-    double middle = 0.5 * (u.vz + t->v1);
-    for (int i = 0; i < NEWTON_STEPS; i++) {
-        double p1;
-        ramp_to(t, &u, &d, v, &t1, &p1);
-        double x = fabs(v - t->v1);
-        t2 = v >= t->v1 ? ramp_time(x, t->ad, t->jd) : ramp_time(x, t->au, t->ju);
-        double t4 = n - t1 - t2, next, e = 0;
-        if (t4 < 0) {
-            if (v > middle) hi = v; else lo = v;
-            next = 0.5 * (lo + hi);
-        } else {
-            e = p1 + v * t4 + (v + t->v1) / 2 * t2 - t->h;
-            if (fabs(e) <= scale) break;
-            if (e > 0) hi = v; else lo = v;
-            next = v - e / (t4 + 0.4 * (t1 + t2));
-            if (!(next > lo && next < hi)) next = 0.5 * (lo + hi);
-        }
-        if (hi - lo <= 1e-9 * t->vmax) break;
-        v = next;
-    }
-    double small = least(t->ju, t->jd);
-    if (v >= u.vz) {
-        double z = least(t->au, sqrt(most(0, v - u.vs) * t->ju));
-        ramp_counts(t->a0, v - t->v0, z, t->au, t->ju, t->a0 < 0 ? small : t->ju, &s->n1, &s->n2,
-            &s->n3);
-    } else {
-        double z = least(t->ad, sqrt(most(0, -v - d.vs) * t->jd));
-        ramp_counts(-t->a0, t->v0 - v, z, t->ad, t->jd, t->a0 > 0 ? small : t->jd, &s->n1, &s->n2,
-            &s->n3);
-    }
-    double n7, a2 = v >= t->v1 ? t->ad : t->au, j2 = v >= t->v1 ? t->jd : t->ju,
-        x = fabs(v - t->v1);
-    ramp_counts(0, x, least(a2, sqrt(x * j2)), a2, j2, j2, &s->n5, &s->n6, &n7);
-    s->n4 = 0;
-    double rest = n - seven_cycles(s);
-    for (int i = 0; i < LENGTH_STEPS && rest >= 0; i++) {
-        s->n4 = rest;
-        if (seven_fit(t, s)) return 1;
-        /* a little longer ramps have room for a higher cruise velocity */
-        if (i & 1) s->n6 += 1; else s->n2 += 1;
-        rest -= 1;
-    }
-    return 0;
-}
-
-static int in_cycles(const task *t, double n, sj_plan *p)
-{
-    seven s;
-    if (n < 0) return 0;
-    if (n == 0) return t->h == 0 && t->v0 == t->v1 && t->a0 == 0;
-    if (by_cruise_of(t, n, &s)) { seven_put(p, t, &s); p->kind = SJ_PLAN_CRUISE; return 1; }
-    attempt a;
-    best_of_phases(t, &a);
-    double nearest = -INFINITY;
-    summit both[2] = {{0, 0, 0}, {0, 0, 0}};
-    return sj_mix(&a.t, n, &nearest, both, p);
-}
-
 /* ---- what callers see ---- */
 
-static int valid(double h, double v0, double a0, double v1, const sj_limits *l)
+int sj_valid(double h, double v0, double a0, double v1, const sj_limits *l)
 {
     return isfinite(h) && isfinite(v0) && isfinite(a0) && isfinite(v1)
         && isfinite(l->velocity) && isfinite(l->acceleration) && isfinite(l->jerk)
@@ -507,7 +441,7 @@ static int valid(double h, double v0, double a0, double v1, const sj_limits *l)
 
 /* The task with "up" in the direction of the move: the sign of the first of these that is not
    zero. */
-static task task_of(double h, double v0, double a0, double v1, const sj_limits *l)
+task sj_task_of(double h, double v0, double a0, double v1, const sj_limits *l)
 {
     double way = h != 0 ? h : v1 != 0 ? v1 : v0 != 0 ? v0 : a0;
     double d = way < 0 ? -1 : 1;
@@ -516,7 +450,7 @@ static task task_of(double h, double v0, double a0, double v1, const sj_limits *
 }
 
 /* What rounding in the plan is relative to. */
-static void note_scale(sj_plan *p, const sj_limits *l)
+void sj_note_scale(sj_plan *p, const sj_limits *l)
 {
     p->velocity = l->velocity;
     p->acceleration = most(l->acceleration, l->deceleration);
@@ -555,119 +489,23 @@ static int across(const task *start, int ramp, sj_plan *p)
 int32_t sj_plan_move(double h, double v0, double a0, double v1, const sj_limits *l, sj_plan *p)
 {
     sj_begin(p);
-    if (!valid(h, v0, a0, v1, l)) return SJ_PLAN_INVALID;
-    task t = task_of(h, v0, a0, v1, l);
+    if (!sj_valid(h, v0, a0, v1, l)) return SJ_PLAN_INVALID;
+    task t = sj_task_of(h, v0, a0, v1, l);
     int lands = sj_come_back(&t, p), back = p->count > 0 ? SJ_PLAN_RETURN : 0;
     int ok = lands ? sj_move(&t, p, 1) : across(&t, 0, p);
     p->kind += back;
-    note_scale(p, l);
+    sj_note_scale(p, l);
     return ok ? SJ_PLAN_OK : SJ_PLAN_TOO_LONG;
 }
 
 int32_t sj_plan_velocity(double v0, double a0, double v1, const sj_limits *l, sj_plan *p)
 {
     sj_begin(p);
-    if (!valid(0, v0, a0, v1, l)) return SJ_PLAN_INVALID;
-    task t = task_of(0, v0, a0, v1, l);
+    if (!sj_valid(0, v0, a0, v1, l)) return SJ_PLAN_INVALID;
+    task t = sj_task_of(0, v0, a0, v1, l);
     int lands = sj_come_back(&t, p), back = p->count > 0 ? SJ_PLAN_RETURN : 0;
     if (!(lands ? sj_go_to_velocity(&t, t.v1, p) : across(&t, 1, p))) return SJ_PLAN_TOO_LONG;
     p->kind = SJ_PLAN_RAMP + back;
-    note_scale(p, l);
+    sj_note_scale(p, l);
     return SJ_PLAN_OK;
-}
-
-/* Exactly `cycles`, more than the shortest plan, which *p holds. */
-static int32_t stretch(const task *origin, int64_t cycles, sj_plan *p)
-{
-    if ((double)cycles > LONGEST) return SJ_PLAN_TOO_LONG;
-    task t = *origin;
-    sj_plan q;
-    sj_begin(&q);
-    int lands = sj_come_back(&t, &q), back = q.count > 0 ? SJ_PLAN_RETURN : 0;
-    sj_plan head = q;
-    if (in_cycles(&t, (double)(cycles - head.cycles), &q)
-        && (lands || !sj_leaves_velocity(&t, &q, head.cycles))) {
-        *p = q;
-        p->kind += back;
-        return SJ_PLAN_OK;
-    }
-    if (!lands) {
-        sj_settle(&t, &head);
-        q = head;
-        if (in_cycles(&t, (double)(cycles - head.cycles), &q)) {
-            *p = q;
-            p->kind += back;
-            return SJ_PLAN_OK;
-        }
-    }
-    if (t.v1 == 0) {
-        /* at rest the shortest plan may wait */
-        sj_put_cruise(p, origin, (double)(cycles - p->cycles));
-        return SJ_PLAN_OK;
-    }
-    *p = head;
-    if (sj_by_stopping(&t, (double)cycles, p)) { p->kind += back; return SJ_PLAN_OK; }
-    /* blocked: the next length that works */
-    for (int64_t n = cycles + 1; n <= cycles + LENGTH_STEPS; n++) {
-        *p = head;
-        if (in_cycles(&t, (double)(n - head.cycles), p)) { p->kind += back; return SJ_PLAN_BLOCKED; }
-    }
-    *p = head;
-    if (!sj_by_stopping(&t, INFINITY, p)) return SJ_PLAN_TOO_LONG;
-    p->kind += back;
-    return SJ_PLAN_BLOCKED;
-}
-
-int32_t sj_plan_duration(double h, double v0, double a0, double v1, const sj_limits *l,
-    int64_t cycles, sj_plan *p)
-{
-    int32_t status = sj_plan_move(h, v0, a0, v1, l, p);
-    if (status != SJ_PLAN_OK || p->cycles == cycles) return status;
-    if (p->cycles > cycles) return SJ_PLAN_BLOCKED;
-    task t = task_of(h, v0, a0, v1, l);
-    status = stretch(&t, cycles, p);
-    note_scale(p, l);
-    return status;
-}
-
-/* Where axes keep blocking each other: from its stop on an axis can take any length. */
-static int64_t after_every_stop(int32_t n, const sj_request *r, const sj_limits *l, int64_t cycles)
-{
-    for (int32_t i = 0; i < n; i++) {
-        task t = task_of(r[i].distance, r[i].v0, r[i].a0, r[i].v1, &l[i]);
-        sj_plan q;
-        sj_begin(&q);
-        if (!sj_come_back(&t, &q)) sj_settle(&t, &q);
-        if (t.v1 != 0 && sj_by_stopping(&t, INFINITY, &q) && q.cycles > cycles) cycles = q.cycles;
-    }
-    return cycles;
-}
-
-int32_t sj_plan_together(int32_t n, const sj_request *r, const sj_limits *l, int64_t cycles,
-    sj_plan *p)
-{
-    for (int32_t i = 0; i < n; i++) {
-        int32_t status = sj_plan_move(r[i].distance, r[i].v0, r[i].a0, r[i].v1, &l[i], &p[i]);
-        if (status != SJ_PLAN_OK) return status;
-        if (p[i].cycles > cycles) cycles = p[i].cycles;
-    }
-    for (int round = 0; round < SYNC_ROUNDS; round++) {
-        int blocked = 0;
-        if (round == SYNC_ROUNDS - 2) cycles = after_every_stop(n, r, l, cycles);
-        for (int32_t i = 0; i < n && !blocked; i++) {
-            if (p[i].cycles == cycles) continue;
-            int32_t status;
-            if (p[i].cycles < cycles) {
-                task t = task_of(r[i].distance, r[i].v0, r[i].a0, r[i].v1, &l[i]);
-                status = stretch(&t, cycles, &p[i]);
-                note_scale(&p[i], &l[i]);
-            } else
-                status = sj_plan_duration(r[i].distance, r[i].v0, r[i].a0, r[i].v1, &l[i], cycles,
-                    &p[i]);
-            if (status != SJ_PLAN_OK && status != SJ_PLAN_BLOCKED) return status;
-            if (status == SJ_PLAN_BLOCKED) { cycles = p[i].cycles; blocked = 1; }
-        }
-        if (!blocked) return SJ_PLAN_OK;
-    }
-    return SJ_PLAN_BLOCKED;
 }

@@ -22,7 +22,8 @@ from sjerk.cyclictest import Cyclictest
 from sjerk.errors import InputError, SjerkError
 from sjerk.feedback import Distribution, Feedback
 from sjerk.handshake import clean
-from sjerk.host import BUFFERS, Host, Monitor
+from sjerk.host import BUFFERS, Host
+from sjerk.monitor import Monitor
 from sjerk.recording import Recorder
 
 #: Largest wait for a host that is about to leave, seconds.

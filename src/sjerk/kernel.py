@@ -27,7 +27,8 @@ from sjerk.cia402 import DriveConfig
 from sjerk.clock import Clock
 from sjerk.errors import InputError, KernelGoneError, SjerkError, positive
 from sjerk.handshake import TRACE, HostWatch, Segment
-from sjerk.host import Host, layout
+from sjerk.host import Host
+from sjerk.monitor import layout
 from sjerk.profile import Limits
 
 _numbers = itertools.count(1)

@@ -9,19 +9,18 @@ from __future__ import annotations
 
 import asyncio
 import threading
-from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Generator, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sjerk._binding import ffi, lib
+from sjerk.commander import Commander
 from sjerk.errors import (
     InputError,
     MotionStoppedError,
-    RefusedError,
     SupersededError,
     real,
 )
@@ -41,29 +40,6 @@ _ENDED = (
 
 #: What is played: consecutive segments; None where the next ones are not there yet.
 Blocks = Followed | Iterable[Followed | None]
-
-
-class Commander(Protocol):
-    """What a path needs of its host."""
-
-    _T: float
-    _axes: int
-    _cyclic: bool
-    _closed: bool
-    _command: Any
-    _segment: Any
-    _path_states: dict[int, int]
-
-    @property
-    def _lock(self) -> AbstractContextManager[Any]: ...
-    def _publish(self) -> None: ...
-    def _next_goal(self) -> int: ...
-    def _publish_records(self, records: Any, count: int) -> int: ...
-    def _frame(self) -> Any: ...
-    def _result(self, goal_id: int, frame: Any) -> tuple[int, int] | None: ...
-    def _refusal(self, code: int, axis: int) -> RefusedError: ...
-    def _alive(self, what: str) -> None: ...
-    def _wait_until(self, met: Callable[[Any], bool], timeout: float | None, what: str) -> None: ...
 
 
 @dataclass(frozen=True)

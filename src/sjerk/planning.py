@@ -36,9 +36,13 @@ _ROWS_PER_THREAD = 4000
 _MOST: int = lib.SJ_AXES
 _ROOM: int = lib.SJ_PHASES
 _PHASE: int = lib.SJ_SYNC_PHASE
-_PLAN, _PLAN_ARRAY, _INT = (ffi.typeof(name) for name in ("sj_plan *", "sj_plan[]", "int32_t *"))
+_PLAN, _INT = ffi.typeof("sj_plan *"), ffi.typeof("int32_t *")
+_PLANS = [ffi.typeof(f"sj_plan[{n}]") for n in range(_MOST + 1)]
 #: Only "phase" is ever changed by the planner: the others can be shared.
 _MODES = {code: ffi.new("int32_t *", code) for code in _CODES.values()}
+#: By cycle time: what one of each limit per second is per cycle, as the memory of an ``sj_limits``.
+_UNITS: dict[float, bytes] = {}
+_PER_CYCLE = struct.pack("5d", 1.0, 1.0, 1.0, 1.0, 1.0)
 _ROW = np.dtype(
     [("cycles", np.int64), ("first", np.int64), ("count", np.int32), ("kind", np.int32)]
 )
@@ -53,7 +57,7 @@ class Motion:
     ``synchronization`` is what was done: ``"phase"`` falls back to ``"time"``.
     """
 
-    __slots__ = ("_axes", "_begin", "_code", "_end", "_plans", "_profiles", "_ranges", "_time")
+    __slots__ = ("_axes", "_code", "_plans", "_profiles", "_ranges", "_states", "_time")
 
     _profiles: tuple[Profile, ...] | None
 
@@ -62,14 +66,16 @@ class Motion:
         plans: Any,
         cycle_time: float,
         axes: int,
-        begin: bytes,
-        end: bytes,
+        states: bytes,
         ranges: list[tuple[float, float] | None] | None,
         code: int,
     ) -> None:
-        """Not for callers: ``plan`` makes it, of the memory of ``sj_state`` rows."""
-        self._plans, self._time, self._axes = plans, cycle_time, axes
-        self._begin, self._end, self._ranges = begin, end, ranges
+        """Not for callers: ``plan`` makes it. ``states``: memory of starts, then of targets."""
+        self._plans = plans
+        self._time = cycle_time
+        self._axes = axes
+        self._states = states
+        self._ranges = ranges
         self._code = code
         self._profiles = None
 
@@ -82,7 +88,8 @@ class Motion:
     def profiles(self) -> tuple[Profile, ...]:
         """One profile per axis, of one length unless ``synchronization`` is ``"none"``."""
         if self._profiles is None:
-            starts, ends = _unpacked(self._begin), _unpacked(self._end)
+            states = _unpacked(self._states)
+            starts, ends = states[: self._axes], states[self._axes :]
             ranges = self._ranges or [None] * self._axes
             self._profiles = tuple(
                 Profile._of(self._plans + i, self._time, start, end, limit, self._plans)
@@ -92,7 +99,7 @@ class Motion:
 
     def _key(self) -> tuple[Any, ...]:
         memory = bytes(ffi.buffer(self._plans, self._axes * ffi.sizeof("sj_plan")))
-        return memory, self._time, self._axes, self._begin, self._end, self._ranges, self._code
+        return memory, self._time, self._axes, self._states, self._ranges, self._code
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Motion) and (self._time, self._code, self.profiles) == (
@@ -302,22 +309,33 @@ def _one(start: State, target: State, limits: Limits, T: float) -> Profile:
 def _many_axes(
     starts: list[Any], targets: list[Any], limits: Any, T: float, synchronization: str
 ) -> Motion | None:
-    """The fast path of several axes: lists of states and of limits used before. None: not that."""
+    """The fast path of several axes: lists of states and limits of every target. None: not that."""
     n = len(starts)
     try:
-        begin = b"".join([state._c for state in starts])
-        end = b"".join([state._c for state in targets])
-        rows = b"".join([limit._c[T] for limit in limits])
+        states = b"".join([state._c for state in starts + targets])
+        rows = b"".join([limit._c for limit in limits])
         code = _CODES[synchronization]
+        unit = _UNITS.get(T) or _unit(T)
     except (AttributeError, KeyError, TypeError):
         return None
-    if not 24 * n == len(begin) == len(end) or 40 * n != len(rows) or n > _MOST:
+    if len(targets) != n or len(limits) != n or len(states) != 48 * n or len(rows) != 40 * n:
         return None
-    plans = _new(_PLAN_ARRAY, n)
+    if not 0 < n <= _MOST:
+        return None
+    plans = _new(_PLANS[n])
     mode = _MODES[code] if code != _PHASE else _new(_INT, code)
-    if lib.sj_plan_samples(n, T, begin, end, rows, 0, mode, plans):
+    if lib.sj_plan_samples(n, T, states, rows, unit, 0, mode, plans):
         return None
-    return Motion(plans, T, n, begin, end, None, mode[0])
+    return Motion(plans, T, n, states, None, mode[0])
+
+
+def _unit(cycle_time: float) -> bytes:
+    """The entry of _UNITS, which this fills."""
+    T = positive("cycle_time", cycle_time)
+    made = struct.pack("5d", T, T**2, T**3, T**2, T**3)
+    if len(_UNITS) < 16:
+        _UNITS[T] = made
+    return made
 
 
 def _axes(
@@ -337,16 +355,16 @@ def _axes(
     if not 1 <= n <= lib.SJ_AXES:
         raise InputError("start", n, f"must be 1 .. {lib.SJ_AXES} axes")
     _check_targets(targets, limits)
-    plans, mode = _new(_PLAN_ARRAY, n), _new(_INT, code)
-    begin, end = (b"".join([state._c for state in states]) for states in (starts, targets))
+    plans, mode = _new(_PLANS[n]), _new(_INT, code)
+    states = b"".join([state._c for state in (*starts, *targets)])
     rows = b"".join([limit._per_cycle(T) for limit in limits])
-    status = lib.sj_plan_samples(n, T, begin, end, rows, least, mode, plans)
+    status = lib.sj_plan_samples(n, T, states, rows, _PER_CYCLE, least, mode, plans)
     if status:
         _fail(status, "target", targets, limits)
     ranges = [limit.position for limit in limits]
     if single:
         return Profile._of(plans + 0, T, starts[0], targets[0], ranges[0], plans)
-    return Motion(plans, T, n, begin, end, ranges, mode[0])
+    return Motion(plans, T, n, states, ranges, mode[0])
 
 
 def plan_velocity(
@@ -477,9 +495,9 @@ def _limit_rows(limits: NDArray[Any]) -> FloatArray:
     rows = _numbers("limits", limits)
     if rows.ndim != 2 or rows.shape[1] not in (3, 5):
         raise InputError("limits", rows.shape, "must have shape (n, 3) or (n, 5)")
-    bad = ~((rows >= 1.0 / LARGEST) & (rows <= LARGEST)).all(axis=1)
-    if bad.any():
-        row = int(np.argmax(bad))
+    # the row is looked for only where one is bad
+    if not (rows.min(initial=1.0) >= 1.0 / LARGEST and rows.max(initial=1.0) <= LARGEST):
+        row = int(np.argmin(((rows >= 1.0 / LARGEST) & (rows <= LARGEST)).all(axis=1)))
         raise InputError(
             f"limits[{row}]",
             rows[row].tolist(),
@@ -495,14 +513,13 @@ def _rows(name: str, value: ArrayLike, most: int) -> FloatArray:
     if rows.ndim != 2 or not 1 <= rows.shape[1] <= most:
         raise InputError(name, rows.shape, f"must have shape (n,) or (n, 1..{most})")
     size = np.abs(rows)
-    bad = ~(size <= LARGEST).all(axis=1)  # not a number is not smaller either
-    if bad.any():
-        row = int(np.argmax(bad))
+    if not size.max(initial=0.0) <= LARGEST:  # not a number is not smaller either
+        row = int(np.argmin((size <= LARGEST).all(axis=1)))
         raise InputError(
             f"{name}[{row}]", rows[row].tolist(), f"must be finite, within {LARGEST:g} in magnitude"
         )
-    tiny = size < 1.0 / LARGEST
-    return np.where(tiny, 0.0, rows) if np.count_nonzero(rows[tiny]) else rows
+    tiny = (size < 1.0 / LARGEST) & (size > 0.0)
+    return np.where(tiny, 0.0, rows) if tiny.any() else rows
 
 
 def _numbers(name: str, value: Any) -> FloatArray:

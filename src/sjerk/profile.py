@@ -48,7 +48,9 @@ class Limits:
     deceleration: float | None = None
     deceleration_jerk: float | None = None
     position: tuple[float, float] | None = None
-    _c: dict[float, bytes] = field(init=False, repr=False, compare=False, default_factory=dict)
+    #: The memory of an ``sj_limits`` per second; empty where each target must be looked at.
+    _c: bytes = field(init=False, repr=False, compare=False, default=b"")
+    _cycled: dict[float, bytes] = field(init=False, repr=False, compare=False, default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.position is not None:
@@ -71,6 +73,9 @@ class Limits:
             if value is None and fallback is not None:
                 value = getattr(self, fallback)
             object.__setattr__(self, name, positive(name, value))
+        if self.position is None:
+            numbers = self.velocity, self.acceleration, self.jerk, *self.braking
+            object.__setattr__(self, "_c", struct.pack("5d", *numbers))
 
     @classmethod
     def from_jerk_factor(
@@ -110,7 +115,7 @@ class Limits:
 
     def _per_cycle(self, cycle_time: float) -> bytes:
         """The limits per cycle as the memory of an ``sj_limits``; made once per cycle time."""
-        made = self._c.get(cycle_time) if cycle_time.__class__ is float else None
+        made = self._cycled.get(cycle_time) if cycle_time.__class__ is float else None
         if made is None:
             T = positive("cycle_time", cycle_time)
             deceleration, deceleration_jerk = self.braking
@@ -122,8 +127,8 @@ class Limits:
                 deceleration * T**2,
                 deceleration_jerk * T**3,
             )
-            if self.position is None and len(self._c) < 16:  # else every target is looked at
-                self._c[T] = made
+            if self.position is None and len(self._cycled) < 16:  # else every target is looked at
+                self._cycled[T] = made
         return made
 
     @property
