@@ -1,8 +1,11 @@
-"""Hypothesis profiles: deterministic by default, bigger on demand."""
+"""Hypothesis profiles, deterministic by default, bigger on demand; names of segments."""
 
 from __future__ import annotations
 
 import os
+import secrets
+from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -29,3 +32,14 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         default=3000,
         help="random states per unit, kind and symmetry in the planner's long run",
     )
+
+
+@pytest.fixture
+def name() -> Iterator[str]:
+    """A kernel name of this test alone; whatever it leaves behind is an error."""
+    name = f"test-{secrets.token_hex(6)}"
+    yield name
+    left = list(Path("/dev/shm").glob(f"sjerk-{name}*"))
+    for path in left:
+        path.unlink()
+    assert not left

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from loops import enabled
 from sjerk import Axis, EventKind, Host, Limits, MotionKernel
 from sjerk._binding import ffi, lib
 
@@ -14,10 +15,7 @@ NO_KIND = 77
 
 
 def stepped(axes: int = 2) -> tuple[MotionKernel, Host]:
-    kernel = MotionKernel([Axis(LIMITS, COUNTS)] * axes, T)
-    host = kernel.host()
-    host.enable()
-    kernel.step(10)
+    kernel, host = enabled([Axis(LIMITS, COUNTS)] * axes, T)
     host.events()
     return kernel, host
 

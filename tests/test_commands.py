@@ -7,6 +7,7 @@ import asyncio
 import numpy as np
 import pytest
 
+from loops import enabled
 from sjerk import (
     Axis,
     AxisState,
@@ -37,12 +38,7 @@ def axis(position: tuple[float, float] | None = None, **more: object) -> Axis:
 
 
 def stepped(*axes: Axis, **more: object) -> tuple[MotionKernel, Host]:
-    kernel = MotionKernel(axes or [axis()], T, **more)  # type: ignore[arg-type]
-    host = kernel.host()
-    host.enable()
-    kernel.step(10)
-    assert all(a.follows for a in host.feedback().axes)
-    return kernel, host
+    return enabled(axes or [axis()], T, **more)
 
 
 def run(kernel: MotionKernel, host: Host, most: int = 20_000) -> np.ndarray:

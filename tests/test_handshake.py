@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import os
-import secrets
 import struct
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+from exchanges import collect
 from sjerk import errors
 from sjerk._binding import ffi, lib
 from sjerk.handshake import HostWatch, Layout, Segment, clean, raise_for_status
@@ -26,28 +26,10 @@ LAYOUT = Layout(
 
 
 @pytest.fixture
-def name() -> Iterator[str]:
-    """A kernel name of this test alone; whatever it leaves behind is an error."""
-    name = f"test-{secrets.token_hex(6)}"
-    yield name
-    left = list(Path("/dev/shm").glob(f"sjerk-{name}*"))
-    for path in left:
-        path.unlink()
-    assert not left
-
-
-@pytest.fixture
 def private() -> Iterator[Segment]:
     """Host and kernel in the memory of this process."""
     with Segment.private(LAYOUT) as segment:
         yield segment
-
-
-def collect(segment: Segment) -> bytes | int:
-    """The fresh command, or the status if there is none."""
-    out = ffi.new("char[]", LAYOUT.command_bytes)
-    status = lib.sj_command_collect(segment.base, out)
-    return bytes(ffi.buffer(out)) if status == 1 else status
 
 
 def take(segment: Segment) -> bytes | int:

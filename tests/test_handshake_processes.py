@@ -5,18 +5,17 @@ from __future__ import annotations
 import contextlib
 import multiprocessing
 import os
-import secrets
 import signal
 import subprocess
 import sys
 import textwrap
-from collections.abc import Iterator
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from exchanges import collect
 from sjerk import errors
 from sjerk._binding import ffi, lib
 from sjerk.handshake import HostWatch, Layout, Segment, clean, raise_for_status
@@ -31,24 +30,6 @@ LAYOUT = Layout(
     abi=77,
 )
 PATIENCE_S = 60  # against a hang, not a measure
-
-
-@pytest.fixture
-def name() -> Iterator[str]:
-    """A kernel name of this test alone; whatever it leaves behind is an error."""
-    name = f"test-{secrets.token_hex(6)}"
-    yield name
-    left = list(Path("/dev/shm").glob(f"sjerk-{name}*"))
-    for path in left:
-        path.unlink()
-    assert not left
-
-
-def collect(segment: Segment) -> bytes | int:
-    """The fresh command, or the status if there is none."""
-    out = ffi.new("char[]", LAYOUT.command_bytes)
-    status = lib.sj_command_collect(segment.base, out)
-    return bytes(ffi.buffer(out)) if status == 1 else status
 
 
 def command(value: int) -> bytes:

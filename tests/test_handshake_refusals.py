@@ -33,17 +33,6 @@ READY = 96  # offset in the header; see _handshake.c
 
 
 @pytest.fixture
-def name() -> Iterator[str]:
-    """A kernel name of this test alone; whatever it leaves behind is an error."""
-    name = f"test-{secrets.token_hex(6)}"
-    yield name
-    left = list(Path("/dev/shm").glob(f"sjerk-{name}*"))
-    for path in left:
-        path.unlink()
-    assert not left
-
-
-@pytest.fixture
 def path(name: str) -> Iterator[Path]:
     """A segment of the dead, to be spoilt."""
     Segment.create(name, LAYOUT).close()

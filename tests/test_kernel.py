@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from loops import enabled
 from sjerk import (
     Axis,
     Host,
@@ -53,13 +54,7 @@ def nothing_left() -> Iterator[None]:
 
 def stepped(axes: int = 1) -> tuple[MotionKernel, Host]:
     """A kernel in the test's own loop, its drives enabled."""
-    kernel = MotionKernel([AXIS] * axes, T)
-    host = kernel.host()
-    host.enable()
-    for _ in range(10):
-        kernel.step()
-    assert all(axis.follows for axis in host.feedback().axes)
-    return kernel, host
+    return enabled([AXIS] * axes, T)
 
 
 def differences(positions: list[float], limits: Limits) -> None:

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from loops import enabled
 from sjerk import (
     Axis,
     Host,
@@ -113,11 +114,7 @@ def test_motions_can_be_copied_compared_and_kept() -> None:
 
 
 def stepped() -> tuple[MotionKernel, Host]:
-    kernel = MotionKernel([AXIS], T)
-    host = kernel.host()
-    host.enable()
-    kernel.step(10)
-    return kernel, host
+    return enabled([AXIS], T)
 
 
 def test_a_host_with_another_cycle_time_is_refused() -> None:

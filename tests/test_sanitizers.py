@@ -15,8 +15,8 @@ TESTS = Path(__file__).parent
 #: Tests of the C rooms that need no process of their own.
 CHOSEN = [
     *(str(TESTS / name) for name in ("test_profile.py", "test_kernel.py", "test_interpolator.py")),
-    *(str(TESTS / name) for name in ("test_following.py", "test_queue.py", "test_ahead.py")),
-    str(TESTS / "test_pace.py"),
+    *(str(TESTS / name) for name in ("test_following.py", "test_ahead.py", "test_pace.py")),
+    *(str(path) for path in sorted(TESTS.glob("test_queue*.py"))),
     *(str(path) for path in sorted(TESTS.glob("test_cia402*.py"))),
     *(str(path) for path in sorted(TESTS.glob("test_servo*.py"))),
     "-k",
