@@ -65,6 +65,27 @@ def states(host: Host) -> list[AxisState]:
     return [a.state for a in host.feedback().axes]
 
 
+@pytest.mark.parametrize("cycles", range(20, 400, 40))
+def test_a_drive_is_disabled_when_its_motor_rests(cycles: int) -> None:
+    """The command rests before the motor: without current it would coast away from it."""
+    kernel = MotionKernel([axis()], T)
+    host = kernel.host()
+    host.enable()
+    kernel.step(20)
+    host.move(100.0)
+    kernel.step(cycles)
+    host.disable()
+    host.halt()
+    positions = []
+    while host.feedback().axes[0].enabled:
+        kernel.step()
+        positions.append(kernel.positions.copy())
+    assert abs(host.feedback().axes[0].actual_velocity) <= 1e-3 * 90.0
+    rest = positions[-1]
+    kernel.step(500)
+    assert abs(host.feedback().axes[0].position - rest) < 0.02
+
+
 def test_states_go_with_the_commands() -> None:
     """Disabled, standstill, discrete, continuous, stopping and back, each told as an event."""
     kernel = MotionKernel([axis()], T)
@@ -81,7 +102,7 @@ def test_states_go_with_the_commands() -> None:
     run(kernel, host)
     kernel.step()
     host.disable()
-    kernel.step(10)
+    kernel.step(200)  # the motor comes to rest first
     told = [AxisState(e.code) for e in host.events()[0] if e.kind is EventKind.STATE]
     S = AxisState
     assert told == [

@@ -10,6 +10,8 @@
 #include "_kernel.h"
 #include "_cycle.h"
 
+static const double SETTLED = 1e-3; /* of the velocity limit: the motor rests */
+
 enum { HOMING_SETTLES = 4 }; /* cycles until a drive's answer is about this homing, not the last */
 
 uint64_t sj_command_bytes(int32_t axes)
@@ -337,10 +339,22 @@ static void watch(sj_kernel *kernel, uint64_t now_ns)
 
 /* ---- interpolate, drive ---- */
 
-/* A drive is disabled only at rest. */
-static int32_t wanted(const sj_kernel *kernel, const sj_axis *ax)
+/* Whether the motor still moves where the command rests already: without current it would coast.
+ * Still for 20 ms, so that a turning point is no rest; asked for a second at most. */
+static int32_t settling(const sj_kernel *kernel, sj_axis *ax, int32_t i)
 {
-    return (ax->enable && !kernel->ending) || (ax->following && axis_moving(ax));
+    double T = kernel->feedback.cycle_time_s;
+    double speed = fabs(kernel->tx[i].velocity_actual * T / ax->config.counts_per_unit);
+    ax->resting = axis_moving(ax) ? 0 : ax->resting + (ax->resting < INT32_MAX);
+    ax->still = speed > SETTLED * ax->config.limits.velocity ? 0 : ax->still + (ax->still < INT32_MAX);
+    return ax->still * T < 0.02 && ax->resting * T < 1.0;
+}
+
+/* A drive is disabled only at rest, its motor's too. */
+static int32_t wanted(const sj_kernel *kernel, sj_axis *ax, int32_t i)
+{
+    int32_t settles = settling(kernel, ax, i);
+    return (ax->enable && !kernel->ending) || (ax->following && (axis_moving(ax) || settles));
 }
 
 static void drive(sj_kernel *kernel, int32_t i)
@@ -352,7 +366,7 @@ static void drive(sj_kernel *kernel, int32_t i)
     ax->target_counts = ax->following ? llround(counts) : ax->actual_counts;
     rx->mode = ax->homing ? SJ_MODE_HOMING : SJ_MODE_CSP;
     rx->controlword =
-        sj_master_controlword(kernel->tx[i].statusword, wanted(kernel, ax), ax->reset == 1);
+        sj_master_controlword(kernel->tx[i].statusword, wanted(kernel, ax, i), ax->reset == 1);
     if (ax->homing) {
         if (kernel->tx[i].mode_display == SJ_MODE_HOMING)
             rx->controlword |= SJ_CW_MODE_4;
