@@ -12,7 +12,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sjerk import Axis, Host, InputError, Limits, MotionKernel, Recording, simulate
+from sjerk import (
+    Axis,
+    Host,
+    InputError,
+    Limits,
+    MotionKernel,
+    Recording,
+    follow_path,
+    simulate,
+)
 from sjerk._binding import ffi, lib
 from sjerk.trace import command_dtype
 
@@ -169,6 +178,89 @@ def test_limits_lowered_on_the_way_never_carry_an_axis_beyond_its_own(seed: int)
     script = [(1, lambda host: host.enable()), *((cycle, act) for cycle in cycles)]
     found = simulate(MotionKernel([AXIS] * 3, T), script, 4500)
     verdict = check(found)
+    assert not verdict.findings, verdict.words
+
+
+@given(
+    at=st.integers(120, 250),
+    share=st.floats(0.86, 0.99),
+    lower=st.tuples(st.floats(0.3, 1.0), st.floats(0.1, 1.0), st.floats(0.1, 0.4)),
+    way=st.sampled_from(["jog", "back", "move"]),
+)
+@settings(max_examples=150, deadline=None)
+def test_a_lower_jerk_is_exceeded_only_as_much_as_the_velocity_needs(
+    at: int, share: float, lower: tuple[float, float, float], way: str
+) -> None:
+    """Of a start (V, A), A^2 / 2J is what any jerk adds, and whole cycles add no more."""
+    asked = Limits(*(np.array(lower) * [90.0, 300.0, 5000.0]))
+
+    def act(host: Host) -> None:
+        if way == "move":
+            host.move(165.0, limits=asked)
+        else:
+            host.jog(asked.velocity if way == "jog" else -asked.velocity, limits=asked)
+
+    script = [
+        (1, lambda host: host.enable()),
+        (10, lambda host: host.jog(90.0 * share)),
+        (10 + at, act),
+    ]
+    found = simulate(MotionKernel([AXIS], T), script, 10 + at + 600)
+    row = 10 + at - 2  # the last cycle before
+    j = found.jerk[row, 0]
+    A = found.acceleration[row, 0] + j * T / 2
+    V = found.velocity[row, 0] + found.acceleration[row, 0] * T / 2
+    room = max(90.0 - np.copysign(V, A * V), 1e-6)
+    needed = A**2 / (2.0 * room)
+    assert np.abs(found.velocity).max() <= 90.0 * (1 + 1e-9)
+    assert np.abs(found.jerk[row + 2 :]).max() <= max(asked.jerk, needed) * (1 + 1e-6)
+
+
+@given(
+    velocity=st.floats(35.0, 45.0),
+    lower=st.tuples(st.floats(0.3, 1.0), st.floats(0.3, 1.0), st.floats(0.02, 0.2)),
+    rest=st.booleans(),
+    act=st.sampled_from(["jog", "move", "halt and jog"]),
+    after=st.integers(80, 260),
+)
+@settings(max_examples=150, deadline=None)
+def test_an_axis_that_leaves_a_path_keeps_the_limits_the_path_began_under(
+    velocity: float, lower: tuple[float, float, float], rest: bool, act: str, after: int
+) -> None:
+    """Not those of a motion before it, nor those that are lowered while the path rests or runs."""
+    before = Limits(velocity, 300.0, 5000.0)
+    during = Limits(*(np.array(lower) * [velocity, 300.0, 5000.0]))
+    plan = list(follow_path(np.array([[0.0], [5.0], [20.0], [60.0], [100.0]]), [before], T))
+    paths: list[Any] = []
+
+    def script(cycle: int, host: Host) -> None:
+        if cycle == 1:
+            host.enable()
+        elif cycle == 10:
+            host.jog(1.0)  # under the axis' first limits, lowered on the way
+        elif cycle == 20:
+            host.set_limits(before)
+        elif cycle == 25:
+            host.move(0.0)
+        elif cycle == 1000:
+            paths.append(host.follow(plan))
+            if rest:
+                paths[0].pause()
+        elif cycle == 1010:
+            host.set_limits(during)
+        elif cycle == 1020 and rest:
+            paths[0].resume()
+        elif cycle == 1020 + after and act == "move":
+            host.move(150.0)
+        elif cycle == 1020 + after:
+            host.jog(during.velocity)
+        elif cycle == 1025 + after and act == "halt and jog":
+            host.halt()
+        for path in paths:
+            path.pump()
+
+    axis = Axis(LIMITS, COUNTS, "ideal", stop_limits=AXIS.stop_limits)
+    verdict = check(simulate(MotionKernel([axis], T), script, 2500))
     assert not verdict.findings, verdict.words
 
 

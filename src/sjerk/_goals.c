@@ -69,20 +69,40 @@ void sj_goal_ceiling(sj_axis *ax)
         raise_all(&ax->ceiling, &ax->goal.limits);
 }
 
-/* In whole cycles n, v in the direction of a: v + n a / 2 <= V, jerk a / n. */
+/* Whichever way the next plan leads: its two jerks and accelerations change places with it. */
+static int32_t keeps(const continuous *at, const sj_limits *limits, double velocity)
+{
+    const sj_limits *l = limits;
+    sj_limits one = {velocity, l->acceleration, l->jerk, l->deceleration, l->deceleration_jerk};
+    sj_limits other = {velocity, l->deceleration, l->deceleration_jerk, l->acceleration, l->jerk};
+    return sj_plan_keeps(at->V.hi, at->A.hi, &one) && sj_plan_keeps(at->V.hi, at->A.hi, &other);
+}
+
+static void raise_jerk(sj_limits *limits, double least)
+{
+    raise(&limits->jerk, least);
+    raise(&limits->deceleration_jerk, least);
+}
+
+/* Limits lower than those of the motion so far may not keep its velocity any more: what is left of an
+ * acceleration a adds a^2 / 2j. Then they are raised to the jerk that adds no more than there is room
+ * for, in whole cycles by one that crosses zero (planner.md, section 4); where that does not serve
+ * either, to the limits under which the motion came here. */
 sj_limits sj_goal_kept(const sj_axis *ax, const sj_limits *asked)
 {
+    const sj_limits *own = &ax->ceiling;
     continuous at = axis_commanded(ax);
-    double v = copysign(1.0, at.A.hi) * at.V.hi, a = fabs(at.A.hi), most, n;
+    double a = at.A.hi, room = fmax(0.0, own->velocity - copysign(1.0, a) * at.V.hi);
+    double most = fmax(own->jerk, own->deceleration_jerk);
     sj_limits limits = *asked;
-    if (a == 0.0)
+    if (a == 0.0 || keeps(&at, asked, own->velocity))
         return limits;
-    most = fmax(ax->ceiling.jerk, ax->ceiling.deceleration_jerk);
-    n = floor(2.0 * (ax->ceiling.velocity - v) / a + 1e-9);
-    if (n >= 1.0 && a / n <= most * (1.0 + 1e-9)) /* a plan at its limits is so up to rounding */
-        most = a / n * (1.0 + 1e-12);
-    raise(&limits.jerk, most);
-    raise(&limits.deceleration_jerk, most);
+    raise_jerk(&limits, fmin(a * a / (2.0 * room), most));
+    if (!keeps(&at, &limits, own->velocity)) {
+        raise_jerk(&limits, most);
+        raise(&limits.acceleration, own->acceleration);
+        raise(&limits.deceleration, own->deceleration);
+    }
     return limits;
 }
 

@@ -72,6 +72,8 @@ int32_t sj_plan_move(double h, double v0, double a0, double v1, const sj_limits 
                      sj_plan *plan);
 /* From (v0, a0) to (v1, 0), as soon as possible, wherever that is. */
 int32_t sj_plan_velocity(double v0, double a0, double v1, const sj_limits *limits, sj_plan *plan);
+/* Whether whole cycles can keep the velocity limit from (v, a), its acceleration "up". */
+int32_t sj_plan_keeps(double v, double a, const sj_limits *limits);
 /* As sj_plan_move, in exactly this many cycles. */
 int32_t sj_plan_duration(double h, double v0, double a0, double v1, const sj_limits *limits,
                          int64_t cycles, sj_plan *plan);

@@ -163,11 +163,17 @@ void sj_path_hand_over(sj_kernel *kernel, int32_t axis)
         return;
     for (int32_t k = 0; k < path->count; k++)
         if (path->axis[k] == axis) {
+            const sj_track_limits *kept = &path->player.track.limits[k];
+            sj_axis *ax = &kernel->axis[axis];
             sj_state sample;
             double jerk;
             sj_player_hand_over(&path->player, k, &sample, &jerk);
-            sj_interpolator_start(&kernel->axis[axis].interpolator, &sample);
-            kernel->axis[axis].interpolator.j = exact_of(jerk);
+            sj_interpolator_start(&ax->interpolator, &sample);
+            ax->interpolator.j = exact_of(jerk);
+            /* whatever became of the axis' own since the path began */
+            ax->ceiling = (sj_limits){kept->velocity, kept->acceleration, kept->jerk,
+                                      kept->acceleration, kept->jerk};
+            sj_goal_ceiling(ax);
         }
 }
 

@@ -115,6 +115,14 @@ static int keeps(const task *t)
     return can_turn(t, brink_of(t), t->vmax * (1 + SLACK / 2));
 }
 
+int32_t sj_plan_keeps(double v, double a, const sj_limits *l)
+{
+    double up = a < 0.0 ? -1.0 : 1.0;
+    task t = {0.0, up * v, up * a, 0.0, l->velocity, l->acceleration, l->jerk, l->deceleration,
+              l->deceleration_jerk, 1.0, up * a};
+    return keeps(&t);
+}
+
 /* Above its acceleration limit: full jerk down to it. The last cycle ends at the limit, unless that
    little of jerk spared costs the velocity limit. */
 static void ease(task *t, sj_plan *p)
