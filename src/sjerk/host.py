@@ -181,7 +181,7 @@ class Host(Commander):
 
     def move(
         self,
-        target: Target | Sequence[Target] | dict[int, Target],
+        target: Target | Sequence[Target] | Mapping[int, Target],
         *,
         limits: Limits | Mapping[int, Limits] | None = None,
         synchronization: Synchronization = "time",
@@ -251,7 +251,7 @@ class Host(Commander):
 
     def jog(
         self,
-        velocity: float | Sequence[float] | dict[int, float],
+        velocity: float | Sequence[float] | Mapping[int, float],
         *,
         limits: Limits | Mapping[int, Limits] | None = None,
     ) -> Move:
@@ -365,7 +365,7 @@ class Host(Commander):
     def _by_axis(self, field: str, given: Any) -> dict[int, Any]:
         """What is given by axis number, one per axis, or for the one axis."""
         axes = self._axes
-        if isinstance(given, dict):
+        if isinstance(given, Mapping):
             wanted: dict[int, Any] = dict(given)
         elif isinstance(given, Sequence) and not isinstance(given, str):
             if len(given) != axes:
@@ -382,7 +382,9 @@ class Host(Commander):
             raise InputError(field, given, "must name at least one axis")
         return wanted
 
-    def _targets(self, target: Target | Sequence[Target] | dict[int, Target]) -> dict[int, State]:
+    def _targets(
+        self, target: Target | Sequence[Target] | Mapping[int, Target]
+    ) -> dict[int, State]:
         return {
             i: value if isinstance(value, State) else State(real(f"target[{i}]", value))
             for i, value in self._by_axis("target", target).items()
