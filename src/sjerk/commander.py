@@ -142,8 +142,8 @@ class Commander(Reader):
         self._look()
         return goal_id in self._arrived
 
-    def _refusal(self, code: int, axis: int) -> RefusedError:
-        return RefusedError(code, REASONS[code], axis)
+    def _refusal(self, code: int, axis: int, detail: str = "") -> RefusedError:
+        return RefusedError(code, "; ".join(filter(None, (REASONS[code], detail))), axis)
 
     # ---- being watched
 

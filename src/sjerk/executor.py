@@ -36,6 +36,8 @@ from sjerk.trajectory import (
     resample,
 )
 
+#: A goal that is to begin later than this, in seconds, has its stamp from another clock.
+FURTHEST = 3600.0
 #: Closer to its first way-point a motion needs no ramp; axis units.
 _THERE = 1e-9
 
@@ -188,9 +190,10 @@ class Settings:
     are. ``speed``: 0 .. 2, as ``GoalHandle.speed``. ``use_velocities``: those of the trajectory, or
     ones chosen so that the jerk is constant. ``tolerance`` (axis units): way-points, dense ones
     above all, are passed so near (``follow_within``); 0: met. Tolerances by joint; ``goal_time``
-    (s) that the joints may take to come within the goal's after the motion, 0 for ever;
-    ``stopped_velocity`` that counts as rest. ``start_tolerance``: a first way-point at time 0
-    further away is refused; None: it is gone to first.
+    (s) that the joints may take to come within the goal's after the motion, 0: for ever, also where
+    they cannot come so near; then only ``cancel`` or another goal ends it. ``stopped_velocity``
+    that counts as rest. ``start_tolerance``: a first way-point at time 0 further away is refused;
+    None: it is gone to first.
     """
 
     execution_mode: ExecutionMode = ExecutionMode.FULL_TRAJECTORY
@@ -218,6 +221,8 @@ class Settings:
                 raise InputError(name, getattr(self, name), "must not be negative")
         if not 0.0 <= real("speed", self.speed) <= 2.0:
             raise InputError("speed", self.speed, "must lie in 0 .. 2")
+        for name in ("path_tolerance", "goal_tolerance"):
+            _check_tolerances(name, getattr(self, name))
         if self.start_tolerance is not None:
             positive("start_tolerance", self.start_tolerance)
 
@@ -225,7 +230,7 @@ class Settings:
 class TrajectoryExecutor:
     """Plays trajectories on a host, one goal at a time; the newest replaces the one before.
 
-    ``joint_names``: one per axis of the kernel, in order. ``clock``: the time of ``stamp``, in
+    ``joint_names``: one str per axis of the kernel, in order. ``clock``: the time of ``stamp``, in
     seconds. ``on_feedback`` is called at ``feedback_rate`` (Hz), ``on_result`` once per goal. With
     a kernel in a process a thread watches; in a caller's own loop ``update`` must be called now and
     then between ``MotionKernel.step``.
@@ -246,6 +251,8 @@ class TrajectoryExecutor:
     ) -> None:
         """Raises InputError."""
         self._host, self._names = host, tuple(joint_names)
+        if isinstance(joint_names, str) or not all(isinstance(n, str) for n in self._names):
+            raise InputError("joint_names", joint_names, "must be a list of one str per axis")
         if len(self._names) != host._axes or len(set(self._names)) != len(self._names):
             raise InputError(
                 "joint_names", list(self._names), f"must be {host._axes} different names"
@@ -273,7 +280,7 @@ class TrajectoryExecutor:
         self.close()
 
     def close(self) -> None:
-        """Cancel the goal that goes on, and watch no more."""
+        """Cancel the goal that goes on, and watch no more; goals are refused from now on."""
         self._end.set()
         if self._thread is not None:
             self._thread.join()
@@ -327,11 +334,17 @@ class TrajectoryExecutor:
         header's stamp counts then). ``stamp`` (s of the executor's clock): the moment of time 0; 0
         starts now; way-points whose time is over are left out. A first way-point that is later than
         now is gone to in that time, one that is elsewhere at time 0 is gone to first. Tolerances by
-        joint, over those of the settings; ``goal_time`` 0: as the settings have it. An accepted
-        goal aborts the one before. Raises InputError for options that are none.
+        joint, over those of the settings; ``goal_time`` 0: as the settings have it; where they have
+        0 too, a goal whose joints never come within its tolerance goes on for ever. Refused too: a
+        stamp more than ``FURTHEST`` seconds ahead, any goal after ``close``. An accepted goal
+        aborts the one before. Raises InputError for options that are none.
         """
         handle = GoalHandle(self, next(self._numbers), trajectory)
+        if self._end.is_set():
+            return self._refuse(handle, ResultCode.INVALID_GOAL, _CLOSED)
         settings = self._settings
+        for name, own in (("path_tolerance", path_tolerance), ("goal_tolerance", goal_tolerance)):
+            _check_tolerances(name, {} if own is None else own)
         try:
             if not isinstance(trajectory, Trajectory):
                 trajectory, stamp = from_message(trajectory)
@@ -350,16 +363,22 @@ class TrajectoryExecutor:
         if real("goal_time", goal_time) < 0.0:
             raise InputError("goal_time", goal_time, "must not be negative")
         handle._goal_time = goal_time or settings.goal_time
-        frame = self._host.feedback()
+        ahead = stamp - self._clock()
+        if ahead > FURTHEST:
+            text = f"stamp {stamp!r}: {ahead:g} s ahead of the clock, more than {FURTHEST:g}"
+            return self._refuse(handle, ResultCode.INVALID_GOAL, text)
+        frame, orders = self._host.feedback(), self._host._command.axis
         idle = [
             name
-            for name, axis in zip(self._names, frame.axes, strict=True)
-            if name in names and (not axis.follows or axis.state in _UNABLE)
+            for i, (name, axis) in enumerate(zip(self._names, frame.axes, strict=True))
+            if name in names and (not axis.follows or axis.state in _UNABLE or not orders[i].enable)
         ]
         if idle:
             text = f"not active: {', '.join(idle)}"
             return self._refuse(handle, ResultCode.INVALID_GOAL, text)
         with self._lock:
+            if self._end.is_set():  # closed meanwhile, and the goal would be watched no more
+                return self._refuse(handle, ResultCode.INVALID_GOAL, _CLOSED)
             before = self._goal
             if before is not None and before.status in _OPEN:
                 text = f"replaced by goal {handle.number}"
@@ -622,6 +641,7 @@ class TrajectoryExecutor:
             self._on_result(goal)
 
 
+_CLOSED = "the executor is closed"
 _UNABLE = (AxisState.DISABLED, AxisState.ERROR_STOP, AxisState.STOPPING, AxisState.HOMING)
 
 
@@ -629,11 +649,14 @@ def from_message(message: Any) -> tuple[Trajectory, float]:
     """A JointTrajectory message as a trajectory, and its stamp in seconds; no ROS needed.
 
     Fields as in trajectory_msgs: ``joint_names``, ``points`` with ``positions``, ``velocities``,
-    ``accelerations`` and ``time_from_start``, and ``header.stamp``. Raises TrajectoryError.
+    ``accelerations`` and ``time_from_start``, and ``header.stamp``. Raises TrajectoryError, and
+    InputError for what is no such message.
     """
+    _has("trajectory", message, ("joint_names", "points", "header"))
     names, points = list(message.joint_names), list(message.points)
     faults = [] if points else [Fault(FaultKind.EMPTY, "no points")]
     for i, point in enumerate(points):
+        _has(f"trajectory.points[{i}]", point, _POINT)
         for kind in ("positions", "velocities", "accelerations"):
             size = len(getattr(point, kind))
             if size != len(names) and (size or kind == "positions"):
@@ -647,6 +670,24 @@ def from_message(message: Any) -> tuple[Trajectory, float]:
         rows.append(np.array(values) if all(map(len, values)) else None)  # type: ignore[arg-type]
     stamp = message.header.stamp
     return Trajectory(names, moments, *rows), stamp.sec + 1e-9 * stamp.nanosec
+
+
+_POINT = ("positions", "velocities", "accelerations", "time_from_start")
+
+
+def _has(field: str, value: object, names: Sequence[str]) -> None:
+    for name in names:
+        if not hasattr(value, name):
+            what = f"has no {name}: must be a Trajectory, or a message with its fields"
+            raise InputError(field, value, what)
+
+
+def _check_tolerances(field: str, given: object) -> None:
+    if not isinstance(given, Mapping):
+        raise InputError(field, given, "must map joint names to Tolerance")
+    for name, value in given.items():
+        if not isinstance(value, Tolerance):
+            raise InputError(f"{field}[{name!r}]", value, "must be a Tolerance")
 
 
 def _tolerances(

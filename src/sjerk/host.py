@@ -50,6 +50,13 @@ class Host(Commander):
                 raise InputError("axes", i, f"axis numbers are 0 .. {self._axes - 1}")
         return chosen
 
+    def _joints(self, axes: Axes) -> list[int]:
+        """One axis per joint."""
+        chosen = self._chosen(axes)
+        if not chosen or len(set(chosen)) != len(chosen):
+            raise InputError("axes", chosen, "must be at least one, and differ")
+        return chosen
+
     def enable(self, timeout: float | None = 5.0, *, axes: Axes = None) -> None:
         """Enable drives; returns when every one follows (at once in a caller's own loop)."""
         chosen = self._enable(axes, 1)
@@ -244,10 +251,7 @@ class Host(Commander):
         what the source of the blocks raises at first; a refusal by the kernel is raised by
         ``Path.wait``.
         """
-        chosen = self._chosen(None if axes is None else list(axes))
-        if len(set(chosen)) != len(chosen):
-            raise InputError("axes", chosen, "must differ")
-        return Path(self, blocks, chosen)
+        return Path(self, blocks, self._joints(axes))
 
     def jog(
         self,
@@ -315,7 +319,7 @@ class Host(Commander):
             command.goal_records = lib.sj_ring_published(self._segment.base)
             self._publish()
             known = kind == lib.SJ_GOAL_ABSOLUTE
-            return Move(self, int(command.goal_id), targets, known=known)
+            return Move(self, int(command.goal_id), targets, known=known, limits=own)
 
     def _queue(
         self,
@@ -337,7 +341,7 @@ class Host(Commander):
         if not number:
             raise QueueFullError(RECORDS)
         known = kind == lib.SJ_GOAL_ABSOLUTE
-        return Move(self, int(record.goal_id), targets, known=known, number=number)
+        return Move(self, int(record.goal_id), targets, known=known, number=number, limits=own)
 
     def _fill(self, entry: Any, kind: int, target: State, limits: Limits) -> None:
         entry.kind, entry.goal = kind, target.position

@@ -6,14 +6,15 @@ Never here: what is commanded, planning, the layout of the memory.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Generator
+from collections.abc import Generator, Mapping
 from enum import Enum
 from typing import Any
 
 from sjerk._binding import lib
 from sjerk.commander import Commander
 from sjerk.errors import MotionStoppedError, SupersededError
-from sjerk.profile import State
+from sjerk.feedback import limits_of
+from sjerk.profile import Limits, State
 
 
 class MoveState(Enum):
@@ -47,11 +48,14 @@ class Move:
         *,
         known: bool = True,
         number: int = 0,
+        limits: Mapping[int, Limits] | None = None,
     ) -> None:
         """Not for callers: ``Host.move`` makes it.
 
         ``known``: the targets are positions. ``number``: in the look-ahead ring, of a queued move.
+        ``limits``: what was asked for, by axis.
         """
+        self._limits = limits or {}
         self._number = number
         self._host = host
         self._goal_id = goal_id
@@ -152,6 +156,18 @@ class Move:
         )
         self._raise()
 
+    def _above(self, code: int, axis: int, frame: Any) -> str:
+        """Which limit was asked for beyond the one that the axis has in the kernel."""
+        asked = self._limits.get(axis)
+        if code != lib.SJ_RESULT_LIMITS or asked is None:
+            return ""
+        own = limits_of(frame.axis[axis], self._host._T)
+        for name in ("velocity", "acceleration", "jerk", "deceleration", "deceleration_jerk"):
+            value, most = getattr(asked, name), getattr(own, name)
+            if value > most * (1.0 + 1e-12):
+                return f"{name} {value:g}, it has {most:g}"
+        return ""
+
     def __await__(self) -> Generator[Any, None, None]:
         return self._settle().__await__()
 
@@ -166,7 +182,7 @@ class Move:
         state = self._state(frame)
         if state is MoveState.REFUSED:
             code, axis = self._host._result(self._goal_id, frame) or (0, -1)
-            raise self._host._refusal(code, axis)
+            raise self._host._refusal(code, axis, self._above(code, axis, frame))
         if state is MoveState.SUPERSEDED:
             raise SupersededError(self.position)
         if state is MoveState.STOPPED:

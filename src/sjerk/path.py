@@ -24,8 +24,9 @@ from sjerk.errors import (
     SupersededError,
     real,
 )
-from sjerk.feedback import PathState
+from sjerk.feedback import PathState, limits_of
 from sjerk.following import Followed
+from sjerk.trajectory import Trajectory
 
 #: Records made at a time: memory, and how long the kernel's ring is left alone meanwhile.
 _SLICE = 256
@@ -37,6 +38,8 @@ _ENDED = (
     PathState.SUPERSEDED,
 )
 
+
+_NAMES = ("velocity", "acceleration", "jerk")
 
 #: What is played: consecutive segments; None where the next ones are not there yet.
 Blocks = Followed | Iterable[Followed | None]
@@ -94,7 +97,9 @@ class Path:
         self._thread: threading.Thread | None = None
         with host._lock:
             self._goal_id = host._next_goal()
-        source = iter((blocks,) if isinstance(blocks, Followed) else blocks)
+        self._start: list[float] = []  # asked for, where the path is one of its own
+        self._peaks = np.zeros((3, len(self._axes)))  # velocity, acceleration, jerk of what is sent
+        source = iter((blocks,) if isinstance(blocks, Followed) else _blocks(blocks))
         self._records = self._made(source, at)
         self._waiting = next(self._records)  # at once, so that what is wrong is told here
         self._first_record = int(lib.sj_ring_published(host._segment.base)) + 1
@@ -122,6 +127,8 @@ class Path:
             if block is None:
                 yield held[:0]
                 continue
+            if not isinstance(block, Followed):
+                raise InputError("blocks", block, "must hold what follow() gives, or None")
             if expected < 0:
                 expected = block.first if at else 0
                 shift = at - 1 - block.first if at else 0
@@ -159,11 +166,13 @@ class Path:
     def _opening(self, block: Followed, at: int) -> NDArray[Any]:
         row = self._empty(1)
         row["kind"], row["number"] = lib.SJ_RECORD_PATH, at
+        self._start = [] if at else block.position[0].tolist()
         row["axis"]["position"][0, self._axes] = block.position[0]
         return row
 
     def _segments(self, block: Followed, low: int, high: int, shift: int) -> NDArray[Any]:
         T, rows = block.cycle_time, self._empty(high - low)
+        self._peaks = np.maximum(self._peaks, _peaks(block, low, high))
         rows["kind"] = lib.SJ_RECORD_SEGMENT
         begin = block.first + shift + 1
         rows["number"] = np.arange(begin + low, begin + high)
@@ -266,8 +275,9 @@ class Path:
         (velocity, acceleration, jerk of the cycle before): its own there, or those of a plan with
         the same way-points around it. Their numbers go on from ``at``. Speed and pause are kept.
         Raises InputError where way-point ``at`` is ahead no more, or has not been sent. Where the
-        kernel finds that it has set out for it, the new path is refused; this one then comes to
-        rest where its segments end.
+        kernel finds that it has set out for it, the new path is refused. By then the segments of
+        this one from ``at`` on have been taken back, and do not come again: it stops on itself,
+        where those that the kernel has already taken end.
         """
         progress = self.progress
         if isinstance(at, bool) or not isinstance(at, int) or at <= progress.point:
@@ -394,13 +404,44 @@ class Path:
             code, axis = self._host._result(self._goal_id, frame) or (0, -1)
             if code in (lib.SJ_RESULT_NONE, lib.SJ_RESULT_ACCEPTED):
                 code = frame.path.result
-            raise self._host._refusal(code, axis)
+            axis, detail = self._reason(code, frame, axis)
+            raise self._host._refusal(code, axis, detail)
         if state is PathState.SUPERSEDED:
             raise SupersededError(position)
         axes = {i: frame.axis[i] for i in self._axes}
         raise MotionStoppedError(
             position, {i: int(axis.error_code) for i, axis in axes.items() if axis.fault}
         )
+
+    def _reason(self, code: int, frame: Any, axis: int) -> tuple[int, str]:
+        """The axis that a refusal is about, or -1, and the values, as far as they are known here.
+
+        Where the kernel names no ``axis`` it is the one that is furthest off.
+        """
+        found: list[tuple[float, int, str]] = []
+        for k, i in enumerate(self._axes):
+            if axis not in (-1, i):
+                continue
+            raw = frame.axis[i]
+            if code == lib.SJ_RESULT_START and self._start:
+                asked, now = self._start[k], float(raw.position)
+                found.append(
+                    (abs(asked - now), i, f"it begins at {asked!r}, the axis is at {now!r}")
+                )
+            elif code == lib.SJ_RESULT_LIMITS:
+                own = limits_of(raw, self._host._T)
+                least = (
+                    own.velocity,
+                    min(own.acceleration, own.deceleration or own.acceleration),
+                    min(own.jerk, own.deceleration_jerk or own.jerk),
+                )
+                for name, value, most in zip(
+                    _NAMES, self._peaks[:, k].tolist(), least, strict=True
+                ):
+                    text = f"{name} {value:g} on the path, the axis has {most:g}"
+                    found.append((value / most - 1.0 - 1e-9, i, text))
+        off, which, detail = max(found, default=(0.0, axis, ""))
+        return (which, detail) if off > 0.0 else (axis, "")
 
     def stopped(self, timeout: float | None = None) -> None:
         """Return when it is over or at rest on the path, whatever the reason."""
@@ -413,6 +454,27 @@ class Path:
             timeout,
             f"path {self._goal_id} to rest",
         )
+
+
+def _blocks(blocks: Any) -> Iterable[Followed | None]:
+    """Refuse what is no source of blocks."""
+    if isinstance(blocks, Trajectory):
+        made = "follow(trajectory, limits, cycle_time) makes blocks of it"
+        raise InputError("blocks", blocks, made)
+    if isinstance(blocks, str) or not isinstance(blocks, Iterable):
+        raise InputError("blocks", blocks, "must be a Followed, or an iterable of them")
+    return blocks
+
+
+def _peaks(block: Followed, low: int, high: int) -> NDArray[np.float64]:
+    """Largest velocity, acceleration and jerk of some segments, at the ends of their phases."""
+    at, push = block.velocity[low:high], block.acceleration[low:high]
+    most = [np.abs(at), np.abs(push), np.abs(block.jerk[low:high]).max(axis=1)]
+    for p in range(block.lengths.shape[1]):
+        t, jerk = block.cycle_time * block.lengths[low:high, p, None], block.jerk[low:high, p]
+        at, push = at + t * (push + t * jerk / 2.0), push + t * jerk
+        most[0], most[1] = np.maximum(most[0], np.abs(at)), np.maximum(most[1], np.abs(push))
+    return np.array([each.max(axis=0) for each in most])
 
 
 def _dtype(axes: int) -> np.dtype[Any]:

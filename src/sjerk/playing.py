@@ -54,7 +54,7 @@ class StreamPlayer:
     ) -> None:
         """Raises InputError."""
         self._host, self._T = host, host._T
-        self._axes = list(range(host._axes)) if axes is None else list(axes)
+        self._axes = host._joints(axes)
         frame = host.feedback()
         self._limits: list[Limits] = [frame.axes[i].limits for i in self._axes]
         self._stream = GoalStream(

@@ -23,8 +23,11 @@ from sjerk.profile import FloatArray, Limits
 
 #: Goals that a plan looks at; those behind are looked at later.
 LOOKAHEAD = 256
+#: Periods that a goal's time may lie beyond what is known: more is another clock.
+FURTHEST = 100
 #: Shares of a goal's velocity to be had there on the way back to a path.
 _SHARES = (1.0, 0.8, 0.4, 0.0)
+_CYCLES = 2**50
 _KEPT = 1.0 + 1e-10
 
 
@@ -159,7 +162,8 @@ class GoalStream:
 
         The first one that comes at rest is due the delay after the cycle handed out so far, the
         others by their times after it. Raises InputError: not finite, outside the position limits,
-        times that do not increase, a stream that was ended.
+        times that do not increase, or lie more than ``FURTHEST`` periods beyond the newest goal
+        and what was handed out; a stream that was ended.
         """
         if self._ended:
             raise InputError("position", position, "the stream was ended")
@@ -170,6 +174,10 @@ class GoalStream:
         at = self._last.time + self._period if time is None else real("time", time)
         if self._goals and not at > self._last.time:
             raise InputError("time", time, f"must be after {self._last.time}")
+        idle = max(self._cycle + self._behind - self._last.cycle, 0) * self._T
+        most = self._last.time + idle + FURTHEST * self._period
+        if self._timed and at > most * (1.0 + 1e-12):
+            raise InputError("time", time, f"must be at most {most!r}: {FURTHEST} periods ahead")
         if not self._timed:
             self._timed = True
             due = self._cycle + self._behind
@@ -235,14 +243,15 @@ class GoalStream:
         """Hand out the motion up to ``cycle`` of the stream, or to the next goal behind it.
 
         What was handed out stands; the rest is planned anew when a goal comes. Call it as late as
-        the motion must be known: the later, the more goals are. Raises InputError.
+        the motion must be known: the later, the more goals are. A rest without goals is one
+        segment, however long. Raises InputError.
         """
-        if isinstance(cycle, bool) or not isinstance(cycle, int):
-            raise InputError("cycle", cycle, "must be an int")
+        if isinstance(cycle, bool) or not isinstance(cycle, int) or cycle > _CYCLES:
+            raise InputError("cycle", cycle, f"must be an int, at most {_CYCLES}")
         found = []
         while self._cycle < cycle and not self.done:
             if self._stale or not self._units:
-                self._units, self._stale = self._plan(), False
+                self._units, self._stale = self._plan(cycle), False
             unit = self._units.pop(0)
             length, room = int(unit.motion.cycles.sum()), cycle - self._cycle
             if unit.loose and length > room:
@@ -254,10 +263,10 @@ class GoalStream:
 
     # ---- the plan
 
-    def _plan(self) -> list[_Unit]:
-        """From the present knot on: through the known goals, or what else can be done."""
+    def _plan(self, cycle: int) -> list[_Unit]:
+        """From the present knot on: through the known goals, or else up to ``cycle``."""
         if not self._known:
-            return [_Unit(self._without_goals(), 0, False, True)]
+            return [_Unit(self._without_goals(cycle), 0, False, True)]
         if self._cycle < self._begin:
             return [_Unit(self._rest(self._begin - self._cycle), 0, False, True)]
         goals = self._known[:LOOKAHEAD]
@@ -265,7 +274,7 @@ class GoalStream:
             return self._stopping(goals)
         return self._going_on(goals) or self._rejoining(goals) or self._slowly(goals)
 
-    def _without_goals(self) -> Followed:
+    def _without_goals(self, cycle: int) -> Followed:
         """Brake, go back to the last goal of a stream that was ended, or rest."""
         if self._knot.moving:
             if not self._starving:
@@ -276,7 +285,7 @@ class GoalStream:
             return join(self._knot, self._last.position, self._limits, self._T)
         if self._starving:
             self._timed, self._lag, self._pace = False, 0, 1.0
-        return self._rest(max(2, self._cycles(self._period)))
+        return self._rest(max(2, self._cycles(self._period), cycle - self._cycle))
 
     def _asked(self, goals: Sequence[_Goal]) -> IntArray:
         """Cycles to each goal: in its cycle, or later where lag is to be made up."""
@@ -562,7 +571,10 @@ class GoalStream:
         return int(seconds / self._T * (1.0 + 1e-12) + 0.5)
 
     def _row(self, name: str, value: ArrayLike) -> FloatArray:
-        row = np.array(value, dtype=np.float64)
+        try:
+            row = np.array(value, dtype=np.float64)
+        except (TypeError, ValueError) as fault:
+            raise InputError(name, value, f"must be {len(self._limits)} numbers") from fault
         if row.shape != (len(self._limits),):
             raise InputError(name, row.shape, f"must have shape ({len(self._limits)},)")
         if not np.isfinite(row).all():
