@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import subprocess
 import sys
 from pathlib import Path
 
-from sjerk import Axis, Limits, MotionKernel
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sjerk import Axis, InputError, Limits, MotionKernel
+from sjerk.__main__ import main
+from sjerk.arguments import by_axis, duration, duration_or_inf
 from sjerk.handshake import Layout, Segment
 
 LEAVE = (
@@ -47,6 +54,45 @@ def test_wrong_arguments_exit_with_2() -> None:
     assert sjerk("dance").returncode == 2
 
 
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        *(("move", "0=30", "--timeout", word) for word in ("nan", "-1", "0", "inf", "soon")),
+        *(("follow", "way.csv", "--timeout", word) for word in ("nan", "-1")),
+        *(("report", "--seconds", word) for word in ("nan", "-1", "inf")),
+        *(("monitor", "--seconds", word) for word in ("nan", "-1")),
+        *(("record", "a.mcap", "--seconds", word) for word in ("nan", "-1")),
+        *(("kernel", "robot.toml", "--seconds", word) for word in ("nan", "-1", "0")),
+    ],
+)
+def test_durations_are_checked_by_the_parser(
+    arguments: tuple[str, ...], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Before a kernel is looked for: exit code 2, the option is named."""
+    with pytest.raises(SystemExit) as ended:
+        main(list(arguments))
+    assert ended.value.code == 2
+    assert f"argument {arguments[-2]}: " in capsys.readouterr().err
+
+
+@given(st.floats(min_value=1e-9, max_value=1e9))
+def test_a_duration_is_its_number(seconds: float) -> None:
+    """Every sane number of seconds is taken as it is; inf where it is allowed."""
+    assert duration(repr(seconds)) == duration_or_inf(repr(seconds)) == seconds
+    assert duration_or_inf("inf") == math.inf
+
+
+@given(st.dictionaries(st.integers(0, 63), st.floats(allow_nan=False), min_size=1))
+def test_words_by_axis(wanted: dict[int, float]) -> None:
+    """AXIS=NUMBER words name axes, numbers alone are in order; never both, no axis twice."""
+    words = [f"{axis}={value!r}" for axis, value in wanted.items()]
+    assert by_axis("target", words) == wanted
+    assert by_axis("target", [repr(value) for value in wanted.values()]) == list(wanted.values())
+    for wrong in ([*words, "1.0"], [*words, words[0]], [*words, "=1"], ["x"]):
+        with pytest.raises(InputError, match="target"):
+            by_axis("target", wrong)
+
+
 FILE = """
 cycle_time = 1e-3
 [[axes]]
@@ -56,7 +102,7 @@ limits = { velocity = 90, acceleration = 500, jerk = 5000, position = [-170, 170
 [[axes]]
 unit = "deg"
 counts_per_unit = 46603.37777777778
-limits = { velocity = 90, acceleration = 500, jerk = 5000, position = [-170, 170] }
+limits = { velocity = 90, acceleration = 400, jerk = 4000, position = [-170, 170] }
 """
 
 
@@ -85,6 +131,12 @@ def test_a_person_runs_a_kernel_by_commands(tmp_path: Path) -> None:
         assert [axis["position"] for axis in after["axes"]] == [10.0, -5.0]
         assert sjerk("move", "0=171", "--name", name).returncode == 1  # beyond the limits
         assert sjerk("move", "0=x", "--name", name).returncode == 1
+        alone = sjerk("move", "10", "--name", name)
+        assert alone.returncode == 1
+        assert "one target per axis (2)" in alone.stderr
+        code, after = say("move", "0=11", "1=-6", "--velocity", "20")  # axis 1 accelerates less
+        assert code == 0
+        assert [axis["position"] for axis in after["axes"]] == [11.0, -6.0]
         assert sjerk("move", "0=160", "--timeout", "0.05", "--name", name).returncode == 5
         code, after = say("stop", "--quick")
         assert code == 0
@@ -120,6 +172,15 @@ def test_a_kernel_with_drives_outside_is_refused_in_a_line(tmp_path: Path) -> No
     assert done.returncode == 1
     assert "external drives are for step()" in done.stderr
     assert len(done.stderr.splitlines()) == 1
+
+
+def test_who_is_host_already_is_named_with_what_halts_it() -> None:
+    """A stop beside a host of this process: its process, and the order that ends its move."""
+    axis = Axis(Limits(90.0, 500.0, 5000.0), 2**24 / 360.0, unit="deg")
+    with MotionKernel([axis], 1e-3) as kernel, kernel.host():
+        done = sjerk("stop", "--name", kernel.name)
+        assert done.returncode == 1
+        assert f"process {os.getpid()}: Ctrl-C there, or `kill -INT {os.getpid()}`" in done.stderr
 
 
 def test_the_live_table_needs_no_host(tmp_path: Path) -> None:

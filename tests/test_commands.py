@@ -102,7 +102,7 @@ def test_states_go_with_the_commands() -> None:
     run(kernel, host)
     kernel.step()
     host.disable()
-    kernel.step(200)  # the motor comes to rest first
+    kernel.step(1000)  # the motor comes to rest first
     told = [AxisState(e.code) for e in host.events()[0] if e.kind is EventKind.STATE]
     S = AxisState
     assert told == [

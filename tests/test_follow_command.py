@@ -112,7 +112,8 @@ def test_ctrl_c_stops_on_the_path(kernel: Path, way: Path) -> None:
 
 def test_faults_of_arguments_are_one_line(way: Path) -> None:
     """No such file; no kernel; a joint that is not there."""
-    for arguments in (("none.csv",), (way, "--name", "nobody"), (way, "--scale", "3")):
+    scales = ((way, "--scale", word) for word in ("3", "0", "nan"))
+    for arguments in (("none.csv",), (way, "--name", "nobody"), *scales):
         run = sjerk("follow", *arguments)
         _, err = run.communicate(timeout=60)
         assert run.returncode in (1, 6)

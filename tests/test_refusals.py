@@ -140,6 +140,20 @@ def test_limits_of_a_move_stay_within_those_of_the_axis() -> None:
     assert not host.feedback().moving
 
 
+def test_limits_of_a_move_by_axis() -> None:
+    """Each axis by its own lower ones, the rest as they are; of axes of the move only."""
+    slow = Limits(9.0, 400.0, 4000.0)
+    kernel, host = enabled([AXIS, AXIS], T)
+    host.move([20.0, 20.0], limits={1: slow}, synchronization="none")
+    kernel.step(400)
+    first, second = host.feedback().axes
+    assert first.peak_velocity > 50.0
+    assert 8.9 < second.peak_velocity <= 9.0 * (1 + 1e-9)
+    for wrong in ({1: slow}, {0: None}, {0: Limits(91.0, 500.0, 5000.0)}):
+        with pytest.raises(InputError, match="limits"):
+            host.move({0: 1.0}, limits=wrong)  # type: ignore[arg-type]
+
+
 def test_the_position_range_of_an_axis_stays_in_force() -> None:
     """Other limits for one move do not lift it."""
     kernel = MotionKernel([Axis(Limits(90.0, 500.0, 5000.0, position=(-5.0, 5.0)), 1e5)], T)

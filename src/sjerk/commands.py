@@ -16,10 +16,11 @@ from pathlib import Path
 from typing import Any
 
 from sjerk import storage
+from sjerk.arguments import by_axis, duration, duration_or_inf
 from sjerk.clock import Grant
 from sjerk.config import load
 from sjerk.cyclictest import Cyclictest
-from sjerk.errors import InputError, SjerkError
+from sjerk.errors import HostTakenError, InputError, SjerkError
 from sjerk.feedback import Distribution, Feedback
 from sjerk.handshake import clean
 from sjerk.host import BUFFERS, Host
@@ -36,7 +37,7 @@ def add_arguments(jobs: Any) -> None:
     job.add_argument("file", type=Path)
     job.add_argument("--name", help="of the kernel; default: the file's")
     job.add_argument("--spin-us", type=float, help="busy wait before each deadline")
-    job.add_argument("--seconds", type=float, help="end by itself")
+    job.add_argument("--seconds", type=duration_or_inf, default=float("inf"), help="end by itself")
     job.add_argument(
         "--record", type=Path, help="every cycle, to .parquet or .mcap (extra: record)"
     )
@@ -68,17 +69,17 @@ def add_arguments(jobs: Any) -> None:
         help="how it follows what moves already: replace it, wait for it, or blend into it",
     )
     job.add_argument("--no-wait", action="store_true", help="return when it is moving or queued")
-    job.add_argument("--timeout", type=float, help="seconds")
+    job.add_argument("--timeout", type=duration, help="of the wait, seconds; the move goes on")
     job = add("jog", _jog, "move with a velocity, to a limit, or until stopped; returns at once")
-    job.add_argument("velocity", nargs="+", help="AXIS=VELOCITY, or one for the one axis")
+    job.add_argument("velocity", nargs="+", help="a velocity per axis, or AXIS=VELOCITY")
     job = add("stop", _stop, "halt, or quick stop; returns at rest")
     job.add_argument("axes", nargs="*", type=int, help="default: all")
     job.add_argument("--quick", action="store_true", help="each axis by its own stop limits")
     add("status", _status, "what the axes do")
     job = add("monitor", _monitor, "a live table (extra: rich)")
-    job.add_argument("--seconds", type=float, default=float("inf"))
+    job.add_argument("--seconds", type=duration_or_inf, default=float("inf"))
     job = add("report", _report, "cycle times, beside cyclictest where installed")
-    job.add_argument("--seconds", type=float, default=5.0)
+    job.add_argument("--seconds", type=duration, default=5.0)
 
 
 # ---- the kernel ----------------------------------------------------------------------------------
@@ -104,7 +105,7 @@ def _kernel(options: argparse.Namespace) -> int:
             clock = asdict(monitor.feedback().timing.clock)
             show(options, {"kernel": kernel.name, "axes": len(kernel.axes), "clock": clock})
             monitor.close()
-            until = time.monotonic() + (options.seconds or float("inf"))
+            until = time.monotonic() + options.seconds
             while kernel.alive and time.monotonic() < until:
                 time.sleep(0.05)
             if not kernel.alive:
@@ -127,37 +128,35 @@ def name_of(options: argparse.Namespace) -> str:
 # ---- commands ------------------------------------------------------------------------------------
 
 
-def _host(options: argparse.Namespace) -> Host:
-    return Host.attach(name_of(options), wait=_PATIENCE)
+def host_of(options: argparse.Namespace) -> Host:
+    """Become the host of the kernel that is meant; whoever is it already is named."""
+    try:
+        return Host.attach(name_of(options), wait=_PATIENCE)
+    except HostTakenError as taken:
+        pid = taken.pid
+        what = f"{taken}: Ctrl-C there, or `kill -INT {pid}`, halts what a command of sjerk moves"
+        raise HostTakenError(what, name=taken.name, pid=pid) from None
 
 
 def _power(options: argparse.Namespace) -> int:
-    with _host(options) as host:
+    with host_of(options) as host:
         getattr(host, options.job)(axes=options.axes or None)
         return _positions(options, host)
 
 
-def _by_axis(what: str, words: list[str]) -> dict[int, float]:
-    """AXIS=NUMBER words, or numbers in the order of the axes."""
-    found: dict[int, float] = {}
-    for i, word in enumerate(words):
-        axis, sign, number = word.rpartition("=")
-        try:
-            found[int(axis) if sign else i] = float(number)
-        except ValueError as fault:
-            raise InputError(what, word, "must be a number or AXIS=NUMBER") from fault
-    return found
-
-
 def _move(options: argparse.Namespace) -> int:
-    with _host(options) as host:
-        targets = _by_axis("target", options.target)
+    targets = by_axis("target", options.target)
+    with host_of(options) as host:
         limits = None
         if options.velocity is not None:
-            axes = host.feedback().axes
-            limits = replace(axes[min(targets)].limits, velocity=options.velocity, position=None)
+            own = [axis.limits for axis in host.feedback().axes]
+            limits = {
+                i: replace(own[i], velocity=options.velocity, position=None)
+                for i in (targets if isinstance(targets, dict) else range(len(own)))
+                if i in range(len(own))
+            }
         move = host.move(
-            {i: float(value) for i, value in targets.items()},
+            targets,
             relative=options.relative,
             limits=limits,
             synchronization=options.synchronization,
@@ -172,13 +171,14 @@ def _move(options: argparse.Namespace) -> int:
 
 
 def _jog(options: argparse.Namespace) -> int:
-    with _host(options) as host:
-        host.jog(_by_axis("velocity", options.velocity)).accepted()
+    velocities = by_axis("velocity", options.velocity)
+    with host_of(options) as host:
+        host.jog(velocities).accepted()
         return _positions(options, host)
 
 
 def _stop(options: argparse.Namespace) -> int:
-    with _host(options) as host:
+    with host_of(options) as host:
         (host.quick_stop if options.quick else host.halt)(axes=options.axes or None)
         return _positions(options, host)
 

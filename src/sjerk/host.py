@@ -6,7 +6,7 @@ drives.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Literal
 
@@ -188,9 +188,9 @@ class Host(Commander):
 
     def move(
         self,
-        target: Target | Sequence[Target] | dict[int, Target],
+        target: Target | Sequence[Target] | Mapping[int, Target],
         *,
-        limits: Limits | None = None,
+        limits: Limits | Mapping[int, Limits] | None = None,
         synchronization: Synchronization = "time",
         min_duration: float = 0.0,
         relative: bool = False,
@@ -202,8 +202,8 @@ class Host(Commander):
         A target is a position, or a ``State`` with a velocity to arrive with; ``relative``: a
         distance from the commanded position. The kernel plans in its next cycle from the commanded
         state, also during a motion, which the new goal replaces; the same goal under the same
-        limits changes nothing. ``limits``: lower ones than the axes' own
-        for this move; position limits stay in force.
+        limits changes nothing. ``limits``: lower ones than the axes' own for this move, one for
+        all its axes or by axis number, the rest at their own; position limits stay in force.
         ``direction``: of axes that wrap, which way to a position within the turn.
 
         ``buffer``, as in PLCopen: ``"aborting"`` replaces at once, and clears the queue of its
@@ -255,21 +255,18 @@ class Host(Commander):
 
     def jog(
         self,
-        velocity: float | dict[int, float],
+        velocity: float | Sequence[float] | Mapping[int, float],
         *,
-        limits: Limits | None = None,
+        limits: Limits | Mapping[int, Limits] | None = None,
     ) -> Move:
         """Move with a velocity (axis unit / s) until told otherwise.
 
         At a position limit it comes to rest; then the velocity is what whole cycles leave of it.
 
-        One velocity for the one axis, or by axis number; 0 brings to rest. The handle is never
-        ``done``: ``cancel`` it, or give another goal. Raises InputError.
+        One velocity for the one axis, one per axis, or by axis number; 0 brings to rest. The handle
+        is never ``done``: ``cancel`` it, or give another goal. Raises InputError.
         """
-        wanted = velocity if isinstance(velocity, dict) else {0: velocity}
-        if not isinstance(velocity, dict) and self._axes != 1:
-            raise InputError("velocity", velocity, f"must be by axis number: {self._axes} axes")
-        self._chosen(wanted)
+        wanted = self._by_axis("velocity", velocity)
         own = self._lower(limits, wanted)
         targets = {i: State(0.0, real(f"velocity[{i}]", v)) for i, v in wanted.items()}
         for i, goal in targets.items():
@@ -286,18 +283,25 @@ class Host(Commander):
         own = {i: self._limits[i] for i in chosen}
         return self._goal(lib.SJ_GOAL_HOME, targets, own, lib.SJ_SYNC_NONE, 0)
 
-    def _lower(self, limits: Limits | None, axes: Iterable[int]) -> dict[int, Limits]:
+    def _lower(
+        self, limits: Limits | Mapping[int, Limits] | None, axes: Iterable[int]
+    ) -> dict[int, Limits]:
         """The limits of a goal by axis: the axes' own, or lower ones."""
+        own = {i: self._limits[i] for i in axes}
         if limits is None:
-            return {i: self._limits[i] for i in axes}
-        if not isinstance(limits, Limits):
-            raise InputError("limits", limits, "must be a Limits")
-        for i in axes:
+            return own
+        lower = limits if isinstance(limits, Mapping) else dict.fromkeys(own, limits)
+        for i, asked in lower.items():
+            if i not in own:
+                raise InputError("limits", i, f"the goal is of axes {', '.join(map(str, own))}")
+            if not isinstance(asked, Limits):
+                raise InputError("limits", asked, "must be a Limits")
             for name in ("velocity", "acceleration", "jerk", "deceleration", "deceleration_jerk"):
-                value, most = getattr(limits, name), getattr(self._limits[i], name)
+                value, most = getattr(asked, name), getattr(self._limits[i], name)
                 if value > most * (1 + 1e-12):
                     raise InputError(f"limits.{name}", value, f"axis {i} has {most!r}")
-        return dict.fromkeys(axes, limits)
+            own[i] = asked
+        return own
 
     def _goal(
         self, kind: int, targets: dict[int, State], own: dict[int, Limits], code: int, least: int
@@ -362,24 +366,30 @@ class Host(Commander):
             found[i] = replace(goal, position=at + way)
         return found
 
-    def _targets(self, target: Target | Sequence[Target] | dict[int, Target]) -> dict[int, State]:
+    def _by_axis(self, field: str, given: Any) -> dict[int, Any]:
+        """What is given by axis number, one per axis, or for the one axis."""
         axes = self._axes
-        if isinstance(target, dict):
-            wanted: dict[int, Any] = dict(target)
-        elif isinstance(target, Sequence) and not isinstance(target, str):
-            if len(target) != axes:
-                raise InputError("target", target, f"must have one target per axis ({axes})")
-            wanted = dict(enumerate(target))
+        if isinstance(given, Mapping):
+            wanted: dict[int, Any] = dict(given)
+        elif isinstance(given, Sequence) and not isinstance(given, str):
+            if len(given) != axes:
+                raise InputError(field, given, f"must have one {field} per axis ({axes})")
+            wanted = dict(enumerate(given))
         elif axes == 1:
-            wanted = {0: target}
+            wanted = {0: given}
         else:
-            raise InputError("target", target, f"must name targets for {axes} axes")
+            raise InputError(field, given, f"must be by axis number: {axes} axes")
         for i in wanted:
             if not isinstance(i, int) or not 0 <= i < axes:
-                raise InputError("target", i, f"axis numbers are 0 .. {axes - 1}")
+                raise InputError(field, i, f"axis numbers are 0 .. {axes - 1}")
         if not wanted:
-            raise InputError("target", target, "must name at least one axis")
+            raise InputError(field, given, "must name at least one axis")
+        return wanted
+
+    def _targets(
+        self, target: Target | Sequence[Target] | Mapping[int, Target]
+    ) -> dict[int, State]:
         return {
             i: value if isinstance(value, State) else State(real(f"target[{i}]", value))
-            for i, value in wanted.items()
+            for i, value in self._by_axis("target", target).items()
         }

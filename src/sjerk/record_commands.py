@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sjerk.arguments import duration_or_inf
 from sjerk.commands import name_of, show
 from sjerk.errors import InputError
 from sjerk.recording import Recorder, Recording
@@ -29,7 +30,7 @@ def add_arguments(jobs: Any) -> None:
     job = jobs.add_parser("record", help="record every cycle of a running kernel until its end")
     job.add_argument("file", type=Path, help="ends in .parquet or .mcap (extra: record)")
     job.add_argument("--name", help="of the kernel; default: the only one that runs")
-    job.add_argument("--seconds", type=float, default=float("inf"))
+    job.add_argument("--seconds", type=duration_or_inf, default=float("inf"))
     job.add_argument("--json", action="store_true")
     job.set_defaults(run=_record)
     job = jobs.add_parser("plot", help="a picture of a recording: planned, commanded, actual")

@@ -14,7 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from sjerk.commands import name_of, show
+from sjerk.arguments import duration
+from sjerk.commands import host_of, show
 from sjerk.config import load
 from sjerk.errors import InputError
 from sjerk.executor import (
@@ -42,14 +43,16 @@ def add_arguments(jobs: Any) -> None:
     job.add_argument("--mode", choices=modes, default="full_trajectory")
     job.add_argument("--delta", type=float, default=0.0, help="resample, axis units")
     job.add_argument("--tolerance", type=float, default=0.0, help="of dense points, axis units")
-    job.add_argument("--scale", type=float, default=1.0, help="of the speed, 0 .. 2")
+    job.add_argument("--scale", type=float, default=1.0, help="of the speed, up to 2")
     job.add_argument("--joints", nargs="+", help="names of the axes; default: the file's, in order")
-    job.add_argument("--timeout", type=float, help="seconds")
+    job.add_argument("--timeout", type=duration, help="seconds; then it stops")
     job.add_argument("--json", action="store_true", help="one JSON object per line")
     job.set_defaults(run=_follow)
 
 
 def _follow(options: argparse.Namespace) -> int:
+    if options.scale == 0.0:  # of a running goal it is a pause, at the start it never ends
+        raise InputError("scale", options.scale, "must be greater than 0, up to 2")
     settings = Settings(
         execution_mode=options.mode,
         resampling_delta=options.delta,
@@ -64,7 +67,7 @@ def _follow(options: argparse.Namespace) -> int:
             host = open_.enter_context(open_.enter_context(load(options.kernel)).host())
             host.enable()
         else:
-            host = open_.enter_context(Host.attach(name_of(options), wait=2.0))
+            host = open_.enter_context(host_of(options))
         names, way = _fit(host, way, options)
         executor = open_.enter_context(
             TrajectoryExecutor(
