@@ -137,7 +137,9 @@ def test_a_person_runs_a_kernel_by_commands(tmp_path: Path) -> None:
         code, after = say("move", "0=11", "1=-6", "--velocity", "20")  # axis 1 accelerates less
         assert code == 0
         assert [axis["position"] for axis in after["axes"]] == [11.0, -6.0]
-        assert sjerk("move", "0=160", "--timeout", "0.05", "--name", name).returncode == 5
+        late = sjerk("move", "0=160", "--timeout", "0.05", "--name", name)
+        assert late.returncode == 5
+        assert late.stderr == "sjerk: move to 160.0 (axis 0): not within 0.05 s\n"
         code, after = say("stop", "--quick")
         assert code == 0
         assert after["axes"][0]["velocity"] == 0.0
@@ -172,6 +174,68 @@ def test_a_kernel_with_drives_outside_is_refused_in_a_line(tmp_path: Path) -> No
     assert done.returncode == 1
     assert "external drives are for step()" in done.stderr
     assert len(done.stderr.splitlines()) == 1
+
+
+@pytest.mark.parametrize("order", [b"", b"\x80\x05"])
+def test_a_kernel_process_without_its_order_ends_quietly(order: bytes) -> None:
+    """Whoever started it was ended before, or while, it said what to run."""
+    program = [sys.executable, "-c", "from sjerk.kernel import serve; serve()"]
+    done = subprocess.run(program, input=order, capture_output=True, timeout=60)
+    assert (done.returncode, done.stdout, done.stderr) == (0, b"", b"")
+
+
+def test_a_kernel_that_is_ended_before_it_runs_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Ctrl-C while it starts: exit code 130, not that of a kernel that ran."""
+    file = tmp_path / f"early-{os.getpid()}.toml"
+    file.write_text(FILE)
+    start = MotionKernel.__enter__
+
+    def interrupted(kernel: MotionKernel) -> MotionKernel:
+        start(kernel)
+        kernel.__exit__()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(MotionKernel, "__enter__", interrupted)
+    assert main(["kernel", str(file)]) == 130
+
+
+def test_a_picture_of_an_unknown_kind_is_refused_first(capsys: pytest.CaptureFixture[str]) -> None:
+    """Before the recording is read: the kinds there are."""
+    assert main(["plot", "none.mcap", "--out", "x.abc"]) == 1
+    told = capsys.readouterr().err
+    assert told.startswith("sjerk: out = 'x.abc': must end in ")
+    assert ".png" in told
+
+
+def test_a_missing_extra_is_named_with_its_module(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """One line, and what to install."""
+    file = tmp_path / "robot.toml"
+    file.write_text(FILE)
+    monkeypatch.setitem(sys.modules, "pyarrow.parquet", None)
+    assert main(["kernel", str(file), "--record", "a.parquet"]) == 1
+    told = capsys.readouterr().err
+    assert told == "sjerk: module 'pyarrow' is not installed: the extra is sjerk[record]\n"
+
+
+def test_a_bad_name_is_told_as_it_was_given(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """Without the suffix of what goes with a kernel."""
+    file = tmp_path / "robot.toml"
+    file.write_text(FILE)
+    assert main(["kernel", str(file), "--name", "bad name"]) == 1
+    assert "kernel name 'bad name' must be" in capsys.readouterr().err
+
+
+def test_exit_codes_are_in_the_help(capsys: pytest.CaptureFixture[str]) -> None:
+    """Each of them."""
+    with pytest.raises(SystemExit):
+        main(["--help"])
+    assert "Exit codes: 0 done" in capsys.readouterr().out
 
 
 def test_who_is_host_already_is_named_with_what_halts_it() -> None:

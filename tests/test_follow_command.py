@@ -113,8 +113,37 @@ def test_ctrl_c_stops_on_the_path(kernel: Path, way: Path) -> None:
 def test_faults_of_arguments_are_one_line(way: Path) -> None:
     """No such file; no kernel; a joint that is not there."""
     scales = ((way, "--scale", word) for word in ("3", "0", "nan"))
-    for arguments in (("none.csv",), (way, "--name", "nobody"), *scales):
+    binary = way.with_name("binary.csv")
+    binary.write_bytes(bytes(range(128, 256)))
+    for arguments in (
+        ("none.csv",),
+        (binary, "--name", "nobody"),
+        (way, "--name", "nobody"),
+        *scales,
+    ):
         run = sjerk("follow", *arguments)
         _, err = run.communicate(timeout=60)
         assert run.returncode in (1, 6)
         assert err.count("\n") == 1
+
+
+def test_joints_are_those_of_the_file_each_once(kernel: Path, way: Path) -> None:
+    """A name that is not in the file, or twice, is refused and named; nothing moves."""
+    for joints, told in (
+        (("b", "x"), "'x': the file has a, b"),
+        (("b", "b"), "'b': is named twice"),
+    ):
+        run = sjerk("follow", way, "--kernel", kernel, "--joints", *joints)
+        _, err = run.communicate(timeout=60)
+        assert run.returncode == 1
+        assert err == f"sjerk: joints = {told}\n"
+
+
+def test_progress_never_counts_beyond_the_trajectory(kernel: Path, tmp_path: Path) -> None:
+    """With a way onto it, whose points are counted by the kernel too."""
+    path = tmp_path / "far.csv"
+    Trajectory(["a"], [0.0, 0.5, 1.0], [[20.0], [22.0], [20.0]]).to_csv(path)
+    out, err = sjerk("follow", path, "--kernel", kernel, "--json").communicate(timeout=60)
+    lines = [json.loads(line) for line in out.splitlines()]
+    assert lines[-1]["result"] == "SUCCESSFUL", err
+    assert max(line["point"] for line in lines[:-1]) == 3

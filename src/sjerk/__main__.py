@@ -23,10 +23,12 @@ from sjerk.handshake import clean
 from sjerk.ports import canopen
 from sjerk.trajectory import shipped_recording
 
+_EPILOG = (__doc__ or "").partition("\n\n")[2]
+
 
 def arguments() -> argparse.ArgumentParser:
     """The parser of ``python -m sjerk``."""
-    parser = argparse.ArgumentParser(prog="sjerk", description="A motion kernel.")
+    parser = argparse.ArgumentParser(prog="sjerk", description="A motion kernel.", epilog=_EPILOG)
     jobs = parser.add_subparsers(dest="job", required=True)
     job = jobs.add_parser("demo", help="follow a recorded path with a simulated servo drive")
     job.add_argument(

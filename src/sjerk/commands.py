@@ -20,7 +20,7 @@ from sjerk.arguments import by_axis, duration, duration_or_inf
 from sjerk.clock import Grant
 from sjerk.config import load
 from sjerk.cyclictest import Cyclictest
-from sjerk.errors import HostTakenError, InputError, SjerkError
+from sjerk.errors import ExtraMissingError, HostTakenError, InputError, SjerkError
 from sjerk.feedback import Distribution, Feedback
 from sjerk.handshake import clean
 from sjerk.host import BUFFERS, Host
@@ -95,7 +95,7 @@ def _kernel(options: argparse.Namespace) -> int:
 
     if options.record is not None:
         storage.ready(options.record)  # before anything runs
-    before = signal.signal(signal.SIGTERM, end)
+    before, ran = signal.signal(signal.SIGTERM, end), False
     try:
         # the recorder outlives the kernel: the halt at its end is recorded as well
         with ExitStack() as recorded, suppress(KeyboardInterrupt), kernel:
@@ -105,6 +105,7 @@ def _kernel(options: argparse.Namespace) -> int:
             clock = asdict(monitor.feedback().timing.clock)
             show(options, {"kernel": kernel.name, "axes": len(kernel.axes), "clock": clock})
             monitor.close()
+            ran = True
             until = time.monotonic() + options.seconds
             while kernel.alive and time.monotonic() < until:
                 time.sleep(0.05)
@@ -112,7 +113,7 @@ def _kernel(options: argparse.Namespace) -> int:
                 return 6
     finally:
         signal.signal(signal.SIGTERM, before)
-    return 0
+    return 0 if ran else 130
 
 
 def name_of(options: argparse.Namespace) -> str:
@@ -249,7 +250,7 @@ def _monitor(options: argparse.Namespace) -> int:
             from rich.live import Live
             from rich.table import Table
         except ImportError as fault:
-            raise InputError("monitor", None, "needs the extra: sjerk[monitor]") from fault
+            raise ExtraMissingError("rich", "monitor") from fault
         with Live(refresh_per_second=10) as live:
             while time.monotonic() < until and monitor.kernel_lives:
                 feedback = monitor.feedback()

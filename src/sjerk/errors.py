@@ -23,6 +23,15 @@ class InputError(SjerkError, ValueError):
         self.limit = limit
 
 
+class ExtraMissingError(SjerkError, ImportError):
+    """What was asked for needs ``module``, which comes with the extra ``sjerk[extra]``."""
+
+    def __init__(self, module: str, extra: str) -> None:
+        super().__init__(f"module {module!r} is not installed: the extra is sjerk[{extra}]")
+        self.module = module
+        self.extra = extra
+
+
 class InfeasibleError(SjerkError, ValueError):
     """No forward profile in whole cycles covers the distance.
 

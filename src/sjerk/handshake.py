@@ -178,8 +178,9 @@ def _check_name(name: str) -> str:
             f"kernel name of {len(name)} characters is too long: at most {_LONGEST_NAME}", name=name
         )
     if not _NAME.fullmatch(name):
+        given = name.removesuffix(TRACE)
         raise errors.SegmentNameError(
-            f"kernel name {name!r} must be letters, digits, '_' and '-', a letter or digit first",
+            f"kernel name {given!r} must be letters, digits, '_' and '-', a letter or digit first",
             name=name,
         )
     return name

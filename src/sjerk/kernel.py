@@ -461,7 +461,11 @@ def serve() -> None:
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, terminate)
-    name, axes, cycle_time, clock, reactions, text = pickle.load(sys.stdin.buffer)
+    try:
+        order = pickle.load(sys.stdin.buffer)
+    except (EOFError, pickle.UnpicklingError, _EndError):
+        return  # who wanted the kernel was ended before it could say which
+    name, axes, cycle_time, clock, reactions, text = order
     beside = trace.layout(len(axes), cycle_time, len(text))
     with (
         Segment.attach(name + TRACE, beside, role="kernel") as told,

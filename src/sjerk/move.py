@@ -151,8 +151,9 @@ class Move:
         Raises RefusedError (with the reason), SupersededError (a newer goal), MotionStoppedError
         (stopped on the way), KernelGoneError, TimeoutError.
         """
+        where = ", ".join(f"{goal.position!r} (axis {i})" for i, goal in self._targets.items())
         self._host._wait_until(
-            lambda frame: self._state(frame) not in _OPEN, timeout, f"move to {self._targets}"
+            lambda frame: self._state(frame) not in _OPEN, timeout, f"move to {where}"
         )
         self._raise()
 

@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt
 
+from sjerk.errors import InputError
+
 FloatArray = NDArray[np.float64]
 
 
@@ -24,6 +26,14 @@ class Curve:
     x: FloatArray
     y: FloatArray
     style: str = "-"
+
+
+def check(out: Path) -> None:
+    """Raise InputError for a picture that cannot be written by its suffix."""
+    known = sorted(plt.figure().canvas.get_supported_filetypes())
+    plt.close()
+    if out.suffix[1:].lower() not in known:
+        raise InputError("out", str(out), f"must end in .{', .'.join(known)}")
 
 
 def panels(

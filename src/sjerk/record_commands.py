@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from sjerk.arguments import duration_or_inf
 from sjerk.commands import name_of, show
-from sjerk.errors import InputError
+from sjerk.errors import ExtraMissingError, InputError
 from sjerk.recording import Recorder, Recording
 from sjerk.simulation import replay
 
@@ -99,11 +99,12 @@ def _plot(options: argparse.Namespace) -> int:
     try:
         from sjerk import plot
     except ImportError as fault:
-        raise InputError("plot", None, "needs the extra: sjerk[demo]") from fault
+        raise ExtraMissingError("matplotlib", "demo") from fault
+    out = options.out or options.file.with_suffix(".png")
+    plot.check(out)
     recording = Recording.open(options.file)
     if not len(recording):
         raise InputError("file", str(options.file), "has no cycle")
-    out = options.out or options.file.with_suffix(".png")
     axes = options.axes or range(len(recording.axes))
     for i in axes:
         if not 0 <= i < len(recording.axes):

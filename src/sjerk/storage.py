@@ -18,7 +18,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from sjerk.errors import InputError
+from sjerk.errors import ExtraMissingError, InputError
 
 #: Columns by table. "frames" has one row per cycle; all have a column ``cycle``.
 Tables = dict[str, dict[str, NDArray[Any]]]
@@ -38,7 +38,7 @@ class Writer(Protocol):
 
 
 def ready(path: Path) -> None:
-    """Load what a file of this suffix needs; raises InputError where it cannot be written."""
+    """Load what a file of this suffix needs; raises InputError, ExtraMissingError."""
     for name in _by_suffix(path, {".parquet": ("pyarrow.parquet",), ".mcap": ("mcap.writer",)}):
         _library(name)
 
@@ -79,7 +79,7 @@ def _library(name: str) -> Any:
     try:
         return importlib.import_module(name)
     except ImportError as fault:
-        raise InputError("file", name, "is not installed: the extra is sjerk[record]") from fault
+        raise ExtraMissingError(name.partition(".")[0], "record") from fault
 
 
 # ---- Parquet -------------------------------------------------------------------------------------

@@ -319,12 +319,15 @@ class Trajectory:
         """Read a table: ``time`` (or ``time_s``), then per joint its name, ``name.velocity``, ....
 
         Velocities and accelerations are for all joints or for none. Raises TrajectoryError, with
-        the point where a row is not numbers; RecordingError where there is no file.
+        the point where a row is not numbers; RecordingError where there is no file, or no text.
         """
         path = Path(path)
         if not path.exists():
             raise RecordingError(path, "no such file")
-        header, table = _numbers(path)
+        try:
+            header, table = _numbers(path)
+        except (OSError, UnicodeDecodeError, csv.Error) as error:
+            raise RecordingError(path, f"cannot be read ({error})") from error
         if not header or header[0] not in ("time", "time_s"):
             raise TrajectoryError(
                 [Fault(FaultKind.SIZE, f"{path}: the header {header} does not begin with 'time'")]

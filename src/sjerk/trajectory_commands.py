@@ -100,9 +100,12 @@ def _fit(host: Host, way: Trajectory, options: argparse.Namespace) -> tuple[list
     names = list(options.joints or way.joint_names)
     if len(names) > len(axes):
         raise InputError("joints", names, f"the kernel has {len(axes)} axes: --joints picks some")
-    present = [name for name in names if name in way.joint_names]
-    if not present:
-        raise InputError("joints", names, f"the file has {', '.join(way.joint_names)}")
+    for name in names:
+        if name not in way.joint_names:
+            raise InputError("joints", name, f"the file has {', '.join(way.joint_names)}")
+        if names.count(name) > 1:
+            raise InputError("joints", name, "is named twice")
+    present = names.copy()
     columns = [way.joint_names.index(name) for name in present]
     bag = options.path.suffix.lower() != ".csv"
     scale = np.array(
@@ -132,12 +135,13 @@ class _Progress:
     def tell(self, goal: GoalHandle, told: GoalFeedback) -> None:
         """One line of feedback."""
         worst = float(np.abs(told.error).max())
+        point = min(told.point, self._points)  # a way onto the trajectory has points of its own
         with self._lock:
             if self._options.json:
                 show(
                     self._options,
                     {
-                        "point": told.point,
+                        "point": point,
                         "points": self._points,
                         "desired": told.desired.tolist(),
                         "actual": told.actual.tolist(),
@@ -146,7 +150,7 @@ class _Progress:
                     },
                 )
                 return
-            line = f"\rway-point {told.point} of {self._points}, speed {told.speed:.0%}"
+            line = f"\rway-point {point} of {self._points}, speed {told.speed:.0%}"
             print(f"{line}, error {worst:.6f} ", end="", file=sys.stderr, flush=True)
 
 
