@@ -220,11 +220,12 @@ def test_starts_outside_the_limits_come_back_inside(
     forward = goes_forward(profile)
     V, A = start.velocity + start.acceleration * cycle_time / 2, start.acceleration
     bound, came_in = may_reach(V, A, limit, cycle_time, forward)
+    fastest = max((peak for peak, _, _ in nodes(profile)), default=0.0)  # rounding is relative to it
     for (peak, a, v), phase in zip(nodes(profile), profile.phases, strict=True):
         assert abs(phase.jerk) <= most_j * WITHIN
         assert peak <= max(abs(V), bound) * WITHIN
         if came_in:
-            assert peak <= limit.velocity * WITHIN
+            assert peak <= limit.velocity * WITHIN + 1e-10 * fastest
             assert abs(a) <= most_a * WITHIN
         came_in = came_in or may_reach(v, a, limit, cycle_time, forward)[1]
     samples = profile.sample() if profile.cycles < 20_000 else None

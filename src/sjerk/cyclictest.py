@@ -77,7 +77,7 @@ def read(text: str, priority: int) -> Judgement:
     KeyError: not such a file; SjerkError: it measured nothing.
 
     >>> text = '{"rt_test_version:": "2.40", "thread": {"0": {"histogram": {"17": 3, "20": 1},'
-    >>> read(text + ' "cycles": 4, "max": 20}}}', 80).latency.worst
+    >>> round(read(text + ' "cycles": 4, "max": 20}}}', 80).latency.worst, 9)
     2e-05
     """
     found = json.loads(text)
