@@ -25,7 +25,7 @@ from sjerk.errors import (
     real,
 )
 from sjerk.feedback import PathState, limits_of
-from sjerk.following import Followed
+from sjerk.segments import Followed
 from sjerk.trajectory import Trajectory
 
 #: Records made at a time: memory, and how long the kernel's ring is left alone meanwhile.
