@@ -36,14 +36,14 @@ WITHIN = check.WITHIN
 
 
 def nodes(profile: Profile) -> list[tuple[float, float, float]]:
-    """(V peak, A, V) at the end of every phase, in rationals of the plan's own cycle units: jerks per
-    second would bring a rounding that a cruise of 10^9 cycles multiplies.
+    """(V peak, A, V) at the end of every phase, in rationals from the plan's own numbers, which are
+    per cycle: another rounding of them is what a cruise of 10^9 cycles multiplies.
     """
     T_s, made = profile.cycle_time, profile._c_plan
     P, V, A = Sample(
         Fraction(profile.start.position),
         Fraction(profile.start.velocity * T_s),
-        Fraction(profile.start.acceleration * T_s**2),
+        Fraction(profile.start.acceleration * T_s * T_s),
     ).plan()
     phases = [(Fraction(p.cycles), Fraction(p.jerk)) for p in made.phase[0 : made.count]]
     return [
@@ -282,7 +282,7 @@ def sample_states(profile: Profile) -> list[Sample]:
     start = Sample(
         Fraction(profile.start.position),
         Fraction(profile.start.velocity * T_s),
-        Fraction(profile.start.acceleration * T_s**2),
+        Fraction(profile.start.acceleration * T_s * T_s),
     )
     phases = [(p.cycles, Fraction(p.jerk * T_s**3)) for p in profile.phases]
     return list(bilinear(start, phases))
