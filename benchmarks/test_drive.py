@@ -21,6 +21,14 @@ class Group:
         self.drives = ffi.new("sj_drive[]", count)
         self.rx = ffi.new("sj_drive_rx[]", count)
         self.tx = ffi.new("sj_drive_tx[]", count)
+        self.each = [
+            ffi.new(f"{kind} *[]", [array + i for i in range(count)])
+            for kind, array in (
+                ("sj_drive", self.drives),
+                ("sj_drive_rx", self.rx),
+                ("sj_drive_tx", self.tx),
+            )
+        ]
         for i in range(count):
             assert lib.sj_drive_init(self.drives + i, config) == 0
             self.rx[i].mode = 8
@@ -35,7 +43,7 @@ class Group:
         self.steps = self.drives[0].constants.steps
 
     def cycle(self) -> None:
-        lib.sj_drive_cycle_many(self.drives, self.rx, self.tx, self.count)
+        lib.sj_drive_cycles(*self.each, self.count)
 
 
 @pytest.mark.parametrize("period_us", [1000, 250])

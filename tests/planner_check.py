@@ -323,10 +323,14 @@ def changes(r: Requests, T: float) -> NDArray[Any]:
     return made
 
 
-def stretched(r: Requests, T: float, lengths: NDArray[np.int64]) -> NDArray[Any]:
-    """Plans of given lengths, or of the next that works where the target moves."""
+def stretched(r: Requests, T: float, more: Array, times: Array) -> NDArray[Any]:
+    """Plans `times` as long as the shortest and `more` cycles, or of the next length that works where
+    the target moves.
+    """
     made, plans, (limits, _keep), rows = _rows(r, T)
-    for i, (row, length) in enumerate(zip(rows, lengths.tolist(), strict=True)):
+    for i, row in enumerate(rows):
+        assert lib.sj_plan_move(*row, limits + i, plans + i) == lib.SJ_PLAN_OK
+        length = int(more[i] + times[i] * made["cycles"][i])
         status = lib.sj_plan_duration(*row, limits + i, length, plans + i)
         blocked = status == lib.SJ_PLAN_BLOCKED and row[3] != 0.0
         assert status == lib.SJ_PLAN_OK or blocked, (i, status, row, r.limits[i])

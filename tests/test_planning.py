@@ -31,18 +31,21 @@ from strategies import cycle_times, limits, magnitudes, units
 T = 1e-3
 ROBOT = Limits(velocity=90.0, acceleration=500.0, jerk=5000.0)
 UNEVEN = Limits(90.0, 500.0, 5000.0, deceleration=300.0, deceleration_jerk=2000.0)
+CRAWL = Limits(0.001, 0.5623413251903491, 0.5623413251903491)
 WITHIN = check.WITHIN
 
 
 def nodes(profile: Profile) -> list[tuple[float, float, float]]:
-    """(V peak, A, jerk limit side) in rationals at the end of every phase, in cycle units."""
-    T_s = profile.cycle_time
+    """(V peak, A, V) at the end of every phase, in rationals from the plan's own numbers, which are
+    per cycle: another rounding of them is what a cruise of 10^9 cycles multiplies.
+    """
+    T_s, made = profile.cycle_time, profile._c_plan
     P, V, A = Sample(
         Fraction(profile.start.position),
         Fraction(profile.start.velocity * T_s),
-        Fraction(profile.start.acceleration * T_s**2),
+        Fraction(profile.start.acceleration * T_s * T_s),
     ).plan()
-    phases = [(Fraction(p.cycles), Fraction(p.jerk * T_s**3)) for p in profile.phases]
+    phases = [(Fraction(p.cycles), Fraction(p.jerk)) for p in made.phase[0 : made.count]]
     return [
         (n.V_peak / T_s, float(n.A) / T_s**2, float(n.V) / T_s) for n in continuous(P, V, A, phases)
     ]
@@ -205,6 +208,7 @@ def test_scaled_requests_give_scaled_plans(
 
 
 @given(requests(), st.floats(1.0, 20.0), st.floats(1.0, 20.0))
+@example((State(0.0, 0.0, -0.2108779969463809), State(100.0), CRAWL, 1e-4), 1.0, 1.0)
 def test_starts_outside_the_limits_come_back_inside(
     request_: tuple[State, State, Limits, float], v_factor: float, a_factor: float
 ) -> None:
@@ -220,12 +224,11 @@ def test_starts_outside_the_limits_come_back_inside(
     forward = goes_forward(profile)
     V, A = start.velocity + start.acceleration * cycle_time / 2, start.acceleration
     bound, came_in = may_reach(V, A, limit, cycle_time, forward)
-    fastest = max((peak for peak, *_ in nodes(profile)), default=0.0)  # for rounding
     for (peak, a, v), phase in zip(nodes(profile), profile.phases, strict=True):
         assert abs(phase.jerk) <= most_j * WITHIN
         assert peak <= max(abs(V), bound) * WITHIN
         if came_in:
-            assert peak <= limit.velocity * WITHIN + 1e-10 * fastest
+            assert peak <= limit.velocity * WITHIN
             assert abs(a) <= most_a * WITHIN
         came_in = came_in or may_reach(v, a, limit, cycle_time, forward)[1]
     samples = profile.sample() if profile.cycles < 20_000 else None
@@ -279,7 +282,7 @@ def sample_states(profile: Profile) -> list[Sample]:
     start = Sample(
         Fraction(profile.start.position),
         Fraction(profile.start.velocity * T_s),
-        Fraction(profile.start.acceleration * T_s**2),
+        Fraction(profile.start.acceleration * T_s * T_s),
     )
     phases = [(p.cycles, Fraction(p.jerk * T_s**3)) for p in profile.phases]
     return list(bilinear(start, phases))
@@ -429,9 +432,8 @@ def test_random_states_in_every_way(
         if what == "velocity":
             made = check.changes(r, cycle_time)
         elif what == "length":
-            shortest = plan_many(r.start, r.target, r.limits, cycle_time).cycles
-            more = 10.0 ** rng.uniform(0, 2, n) + shortest * rng.choice([0.0, 1.0], n)
-            made = check.stretched(r, cycle_time, shortest + more.astype(np.int64))
+            more, times = 10.0 ** rng.uniform(0, 2, n), rng.choice([1.0, 2.0], n)
+            made = check.stretched(r, cycle_time, more, times)
         else:
             made = check.together(r, cycle_time, 4)
         worst_of(worst, check.judge(r, made, cycle_time, change=what == "velocity"), r)

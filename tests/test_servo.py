@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
+from sjerk._binding import ffi, lib
 from sjerk.cia402 import MOTORS, Drive, DriveConfig
 
 REV = 16777216
@@ -83,3 +87,72 @@ def test_the_motor_obeys_newton() -> None:
     gain = 0.2 * config.rated_torque_nm / inertia * 0.05 / (2 * math.pi) * REV
     assert before >= 0
     assert velocity - start == pytest.approx(gain, rel=1e-4)
+
+
+@st.composite
+def machines(draw: Any) -> DriveConfig:
+    """A drive whose motor may be weak, loaded, or held by a brake."""
+    return DriveConfig.for_motor(
+        draw(st.sampled_from(sorted(MOTORS))),
+        period_s=draw(st.sampled_from([1e-3, 1e-3, 1e-3, 250e-6])),
+        velocity_feedforward=draw(st.floats(0.0, 1.0)),
+        acceleration_feedforward=draw(st.floats(0.0, 1.0)),
+        load_torque_nm=draw(st.floats(-0.5, 0.5)),
+        brake_torque_nm=draw(st.sampled_from([0.0, 1.0])),
+        torque_limit_positive=draw(st.sampled_from([5000, 50, 0])),
+        torque_limit_negative=draw(st.sampled_from([5000, 50, 0])),
+        jump_option=draw(st.integers(0, 2)),
+        following_window=2**32 - 1,
+    )
+
+
+WORDS = st.tuples(
+    st.sampled_from([0xF, 0xF, 0xF, 0xF, 0x10F, 0x7, 0x2, 0x0]),
+    st.sampled_from([8, 8, 8, 8, 9, 10, 6]),
+    st.integers(-(2**17), 2**17) | st.integers(-(2**31), 2**31 - 1),  # per period; or wild
+    st.integers(-1000, 1000),
+    st.sampled_from([0, 0, 0, 1]),
+)
+
+
+@given(
+    st.lists(machines(), min_size=1, max_size=10),
+    st.lists(st.lists(WORDS, min_size=10, max_size=10), min_size=1, max_size=20),
+)
+def test_motors_side_by_side_are_motors_one_by_one(
+    configs: list[DriveConfig], script: list[list[Any]]
+) -> None:
+    """Drives cycled together have, bit for bit, the states and words of drives cycled alone."""
+    n = len(configs)
+    raw = [config.to_c() for config in configs]
+    alone, together = ffi.new("sj_drive[]", n), ffi.new("sj_drive[]", n)
+    rx, told, tx = (ffi.new(f"sj_drive_{w}[]", n) for w in ("rx", "tx", "tx"))
+    for i in range(n):
+        assert lib.sj_drive_init(alone + i, raw[i]) == 0
+        assert lib.sj_drive_init(together + i, raw[i]) == 0
+    each = [
+        ffi.new(f"{kind} *[]", [array + i for i in range(n)])
+        for kind, array in (("sj_drive", together), ("sj_drive_rx", rx), ("sj_drive_tx", tx))
+    ]
+
+    def cycle() -> None:
+        for i in range(n):
+            lib.sj_drive_cycle(alone + i, rx + i, told + i)
+        lib.sj_drive_cycles(*each, n)
+        assert bytes(ffi.buffer(alone)) == bytes(ffi.buffer(together))
+        assert bytes(ffi.buffer(told)) == bytes(ffi.buffer(tx))
+
+    for word in (0x0, 0x6, 0x7, 0xF, 0xF):
+        for i in range(n):
+            rx[i].controlword, rx[i].mode = word, 8
+        cycle()
+    for words in script:
+        for i in range(n):
+            word, mode, step, torque, missed = words[i]
+            rx[i].controlword, rx[i].mode, rx[i].sync_missed = word, mode, missed
+            goal = told[i].position_demand + step
+            rx[i].target_position = (goal + 2**31) % 2**32 - 2**31
+            rx[i].target_velocity, rx[i].target_torque = 100 * step // 128 % 2**30, torque
+            rx[i].torque_offset = torque
+        for _ in range(3):
+            cycle()

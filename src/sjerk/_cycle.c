@@ -358,7 +358,7 @@ static int32_t wanted(const sj_kernel *kernel, sj_axis *ax, int32_t i)
     return (ax->enable && !kernel->ending) || (ax->following && (axis_moving(ax) || settles));
 }
 
-static void drive(sj_kernel *kernel, int32_t i)
+static void send(sj_kernel *kernel, int32_t i)
 {
     sj_axis *ax = &kernel->axis[i];
     sj_drive_rx *rx = &kernel->rx[i];
@@ -376,12 +376,28 @@ static void drive(sj_kernel *kernel, int32_t i)
     if (ax->drive_stop)
         rx->controlword = (uint16_t)(rx->controlword & ~SJ_CW_QUICK_STOP);
     rx->target_position = (int32_t)(uint32_t)(uint64_t)ax->target_counts; /* the counter wraps */
-    if (ax->config.ideal)
-        sj_ideal_cycle(&ax->drive, rx, &kernel->tx[i]);
-    else if (!ax->config.external)
-        sj_drive_cycle(&ax->drive, rx, &kernel->tx[i]);
     if (ax->reset > 0)
         ax->reset--;
+}
+
+/* The drives that are simulated get what has been sent. */
+static void simulate(sj_kernel *kernel)
+{
+    sj_drive *drives[SJ_AXES];
+    const sj_drive_rx *rx[SJ_AXES];
+    sj_drive_tx *tx[SJ_AXES];
+    int32_t n = 0;
+    for (int32_t i = 0; i < kernel->axes; i++) {
+        sj_axis *ax = &kernel->axis[i];
+        if (ax->config.ideal) {
+            sj_ideal_cycle(&ax->drive, &kernel->rx[i], &kernel->tx[i]);
+        } else if (!ax->config.external) {
+            drives[n] = &ax->drive;
+            rx[n] = &kernel->rx[i];
+            tx[n++] = &kernel->tx[i];
+        }
+    }
+    sj_drive_cycles(drives, rx, tx, n);
 }
 
 static void keep_peak(double *peak, double x)
@@ -390,12 +406,14 @@ static void keep_peak(double *peak, double x)
         *peak = fabs(x);
 }
 
-/* The largest magnitudes need every cycle, whoever reads. */
-static void peaks(const sj_interpolator *ip, sj_axis_feedback *out)
+/* What needs every cycle, whoever reads: the largest magnitudes, and the goal even when it is over. */
+static void keep(const sj_axis *ax, sj_axis_feedback *out)
 {
-    keep_peak(&out->peak_velocity, ip->v.hi);
-    keep_peak(&out->peak_acceleration, ip->a.hi);
-    keep_peak(&out->peak_jerk, ip->j.hi);
+    keep_peak(&out->peak_velocity, ax->interpolator.v.hi);
+    keep_peak(&out->peak_acceleration, ax->interpolator.a.hi);
+    keep_peak(&out->peak_jerk, ax->interpolator.j.hi);
+    if (ax->goal.kind == SJ_GOAL_ABSOLUTE)
+        out->goal = ax->goal.goal;
 }
 
 static void report(const sj_kernel *kernel, int32_t i, sj_axis_feedback *out)
@@ -430,6 +448,33 @@ static void report(const sj_kernel *kernel, int32_t i, sj_axis_feedback *out)
     out->limits = ax->config.limits;
 }
 
+/* Loops of their own: the processor works at several axes at once where each waits for its sums. */
+static void interpolate(sj_kernel *kernel)
+{
+    for (int32_t i = 0; i < kernel->axes; i++) {
+        sj_axis *ax = &kernel->axis[i];
+        if (ax->following && ((kernel->path.led | kernel->paced.axes) >> i & 1) == 0) {
+            int32_t ahead = ax->interpolator.ahead > 0;
+            sj_interpolator_step(&ax->interpolator);
+            if (ahead)
+                sj_goal_reached(kernel, i);
+        }
+    }
+}
+
+static void publish(sj_kernel *kernel)
+{
+    sj_feedback *feedback = &kernel->feedback;
+    for (int32_t i = 0; i < kernel->axes; i++)
+        report(kernel, i, &feedback->axis[i]);
+    feedback->override = kernel->override;
+    feedback->hold = kernel->hold;
+    feedback->kernel_epoch = sj_shm_kernel_epoch(kernel->segment);
+    sj_shm_beat_kernel(kernel->segment, feedback->time_ns);
+    sj_feedback_publish(kernel->segment,
+                        kernel->own_loop ? (const void *)&feedback->cycle : feedback);
+}
+
 /* Top to bottom in the order of the data. now_ns: the begin of the cycle, any monotonic clock. */
 void sj_kernel_cycle(sj_kernel *kernel, uint64_t now_ns)
 {
@@ -444,32 +489,16 @@ void sj_kernel_cycle(sj_kernel *kernel, uint64_t now_ns)
     sj_ahead_take(kernel);
     sj_path_step(kernel);
     sj_paced_step(kernel);
-    for (int32_t i = 0; i < kernel->axes; i++) {
-        sj_axis *ax = &kernel->axis[i];
-        sj_axis_feedback *out = &kernel->feedback.axis[i];
-        if (ax->following && ((kernel->path.led | kernel->paced.axes) >> i & 1) == 0) {
-            int32_t ahead = ax->interpolator.ahead > 0;
-            sj_interpolator_step(&ax->interpolator);
-            if (ahead)
-                sj_goal_reached(kernel, i);
-        }
-        drive(kernel, i);
-        peaks(&ax->interpolator, out);
-        if (ax->goal.kind == SJ_GOAL_ABSOLUTE)
-            out->goal = ax->goal.goal;
-        if (!kernel->quiet)
-            report(kernel, i, out);
-    }
+    interpolate(kernel);
+    for (int32_t i = 0; i < kernel->axes; i++)
+        send(kernel, i);
+    simulate(kernel);
+    for (int32_t i = 0; i < kernel->axes; i++)
+        keep(&kernel->axis[i], &kernel->feedback.axis[i]);
     kernel->feedback.cycle++;
     sj_trace_close(kernel);
-    if (kernel->quiet)
-        return;
-    kernel->feedback.override = kernel->override;
-    kernel->feedback.hold = kernel->hold;
-    kernel->feedback.kernel_epoch = sj_shm_kernel_epoch(kernel->segment);
-    sj_shm_beat_kernel(kernel->segment, now_ns);
-    sj_feedback_publish(kernel->segment,
-                        kernel->own_loop ? (const void *)&kernel->feedback.cycle : &kernel->feedback);
+    if (!kernel->quiet)
+        publish(kernel);
 }
 
 void sj_kernel_step(sj_kernel *kernel)

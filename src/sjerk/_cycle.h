@@ -4,6 +4,8 @@
 #ifndef SJ_CYCLE_H
 #define SJ_CYCLE_H
 
+#include <stddef.h> /* offsetof */
+#include <string.h> /* memcpy of an interpolator */
 #include "_lemma.h" /* the continuous motion behind the commanded sample */
 
 static inline int32_t axis_moving(const sj_axis *ax)
@@ -15,6 +17,12 @@ static inline continuous axis_commanded(const sj_axis *ax)
 {
     const sj_interpolator *ip = &ax->interpolator;
     return lemma(ip->q, ip->v, ip->a, ip->j);
+}
+
+/* Without the legs that it has not: most plans have a fifth of what there is room for. */
+static inline void interpolator_copy(sj_interpolator *to, const sj_interpolator *from)
+{
+    memcpy(to, from, offsetof(sj_interpolator, legs) + (size_t)from->count * sizeof from->legs[0]);
 }
 
 static inline void axis_give_up(sj_axis *ax)
@@ -59,7 +67,7 @@ sj_limits sj_goal_limits(const sj_kernel *kernel, const sj_axis *ax, const sj_ax
 /* For a plan from the state at hand: a jerk lower than that of the motion under way could carry it
  * beyond the velocity of its axis before the acceleration is gone; then so much more of the axis' own
  * as it takes. */
-sj_limits sj_goal_kept(const sj_axis *ax, const sj_limits *asked);
+sj_limits sj_goal_kept(const sj_axis *ax, const continuous *at, const sj_limits *asked);
 /* Whether a plan stays within the position limits, or at least within where the axis is. */
 int32_t sj_goal_inside(const sj_axis *ax, const sj_axis_goal *goal, const sj_limits *limits,
                        const sj_plan *plan);

@@ -395,11 +395,11 @@ static sj_servo_command bounds(const sj_drive *drive, const sj_drive_rx *rx)
     };
 }
 
-void sj_drive_cycle(sj_drive *drive, const sj_drive_rx *rx, sj_drive_tx *tx)
+/* Up to the servo's command. */
+static sj_servo_command begin(sj_drive *drive, const sj_drive_rx *rx)
 {
     sj_servo_command command = bounds(drive, rx);
     const int32_t fault = supervise_inputs(drive, rx);
-    int64_t before = drive->servo.encoder;
 
     drive->cycles++;
     drive->transitions = 0;
@@ -435,20 +435,47 @@ void sj_drive_cycle(sj_drive *drive, const sj_drive_rx *rx, sj_drive_tx *tx)
     }
     move(drive, rx, &command);
     command.brake |= (rx->digital_outputs & rx->output_mask & 1u) != 0;
-    sj_servo_period(&drive->servo, &drive->constants, &command);
+    return command;
+}
+
+/* After the servo's period; before: the encoder at its begin. */
+static void end(sj_drive *drive, const sj_drive_rx *rx, const sj_servo_command *command,
+                int64_t before, sj_drive_tx *tx)
+{
     sj_point_move_increments(drive, &drive->actual,
                              subtract_wrapping(drive->servo.encoder, before));
-    if (command.control == SJ_SERVO_OFF) {
+    if (command->control == SJ_SERVO_OFF) {
         sj_motion_adopt_actual(drive);
     }
     judge_standing(drive);
-    supervise_following(drive, &command);
+    supervise_following(drive, command);
     tell(drive, rx, tx);
 }
 
-void sj_drive_cycle_many(sj_drive *drives, const sj_drive_rx *rx, sj_drive_tx *tx, int32_t count)
+void sj_drive_cycle(sj_drive *drive, const sj_drive_rx *rx, sj_drive_tx *tx)
 {
-    for (int32_t i = 0; i < count; i++) {
-        sj_drive_cycle(&drives[i], &rx[i], &tx[i]);
+    const sj_servo_command command = begin(drive, rx);
+    const int64_t before = drive->servo.encoder;
+
+    sj_servo_period(&drive->servo, &drive->constants, &command);
+    end(drive, rx, &command, before, tx);
+}
+
+void sj_drive_cycles(sj_drive *const *drives, const sj_drive_rx *const *rx, sj_drive_tx *const *tx,
+                     int32_t count)
+{
+    sj_servo_command command[SJ_MOTORS];
+    int64_t before[SJ_MOTORS];
+
+    for (int32_t first = 0; first < count; first += SJ_MOTORS) {
+        const int32_t n = count - first < SJ_MOTORS ? count - first : SJ_MOTORS;
+        for (int32_t i = 0; i < n; i++) {
+            command[i] = begin(drives[first + i], rx[first + i]);
+            before[i] = drives[first + i]->servo.encoder;
+        }
+        sj_servo_periods(n, &drives[first], command);
+        for (int32_t i = 0; i < n; i++) {
+            end(drives[first + i], rx[first + i], &command[i], before[i], tx[first + i]);
+        }
     }
 }

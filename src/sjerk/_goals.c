@@ -88,17 +88,16 @@ static void raise_jerk(sj_limits *limits, double least)
  * acceleration a adds a^2 / 2j. Then they are raised to the jerk that adds no more than there is room
  * for, in whole cycles by one that crosses zero (planner.md, section 4); where that does not serve
  * either, to the limits under which the motion came here. */
-sj_limits sj_goal_kept(const sj_axis *ax, const sj_limits *asked)
+sj_limits sj_goal_kept(const sj_axis *ax, const continuous *at, const sj_limits *asked)
 {
     const sj_limits *own = &ax->ceiling;
-    continuous at = axis_commanded(ax);
-    double a = at.A.hi, room = fmax(0.0, own->velocity - copysign(1.0, a) * at.V.hi);
+    double a = at->A.hi, room = fmax(0.0, own->velocity - copysign(1.0, a) * at->V.hi);
     double most = fmax(own->jerk, own->deceleration_jerk);
     sj_limits limits = *asked;
-    if (a == 0.0 || keeps(&at, asked, own->velocity))
+    if (a == 0.0 || keeps(at, asked, own->velocity))
         return limits;
     raise_jerk(&limits, fmin(a * a / (2.0 * room), most));
-    if (!keeps(&at, &limits, own->velocity)) {
+    if (!keeps(at, &limits, own->velocity)) {
         raise_jerk(&limits, most);
         raise(&limits.acceleration, own->acceleration);
         raise(&limits.deceleration, own->deceleration);
@@ -178,7 +177,7 @@ static int32_t plan_jog(const sj_kernel *kernel, const sj_axis *ax, const sj_axi
                         sj_plan *plan, sj_interpolator *trial)
 {
     continuous at = axis_commanded(ax);
-    sj_limits wanted = sj_goal_limits(kernel, ax, goal), limits = sj_goal_kept(ax, &wanted);
+    sj_limits wanted = sj_goal_limits(kernel, ax, goal), limits = sj_goal_kept(ax, &at, &wanted);
     double v = clamp(goal->goal_velocity * kernel->override, limits.velocity);
     double end = v > 0.0 ? ax->config.position_max : ax->config.position_min;
     int32_t status;
@@ -202,13 +201,14 @@ int32_t sj_goal_inside(const sj_axis *ax, const sj_axis_goal *goal, const sj_lim
                             const sj_plan *plan)
 {
     const sj_axis_config *config = &ax->config;
-    continuous at = axis_commanded(ax);
-    double low, high, beyond = 0.0, rest_low, rest_high;
-    double slack = 1e-9 * (fabs(at.P.hi) + fabs(goal->goal));
+    double low, high, beyond = 0.0, rest_low, rest_high, slack;
+    continuous at;
     sj_plan rest;
 
     if (!isfinite(config->position_min) && !isfinite(config->position_max))
         return 1;
+    at = axis_commanded(ax);
+    slack = 1e-9 * (fabs(at.P.hi) + fabs(goal->goal));
     sj_goal_way(plan, at.V.hi, at.A.hi, &low, &high);
     if (goal->goal_velocity != 0.0) { /* and after the goal there is room to come to rest */
         if (sj_plan_velocity(goal->goal_velocity, 0.0, 0.0, limits, &rest) != SJ_PLAN_OK)
@@ -238,7 +238,7 @@ static int32_t plan_goals(sj_kernel *kernel, const int32_t *axes, const sj_axis_
         if (goals[i].kind != SJ_GOAL_ABSOLUTE)
             continue;
         limits[m] = sj_goal_limits(kernel, ax, &goals[i]);
-        limits[m] = sj_goal_kept(ax, &limits[m]);
+        limits[m] = sj_goal_kept(ax, &at, &limits[m]);
         v = clamp(goals[i].goal_velocity, limits[m].velocity);
         request[m] = (sj_request){lemma_distance(&at, goals[i].goal, v), at.V.hi, at.A.hi, v};
         ways[i] = request[m].distance;
@@ -252,7 +252,7 @@ static int32_t plan_goals(sj_kernel *kernel, const int32_t *axes, const sj_axis_
     for (int32_t k = 0; k < m; k++) {
         const sj_axis_goal *goal = &goals[of[k]];
         sj_interpolator *trial = &kernel->trial[of[k]];
-        *trial = kernel->axis[together[k]].interpolator;
+        interpolator_copy(trial, &kernel->axis[together[k]].interpolator);
         *refused = together[k];
         if (!sj_goal_inside(&kernel->axis[together[k]], goal, &limits[k], &kernel->plan[k]))
             return SJ_RESULT_LIMIT;
@@ -266,7 +266,7 @@ static int32_t plan_goals(sj_kernel *kernel, const int32_t *axes, const sj_axis_
         int32_t result;
         if (goals[i].kind != SJ_GOAL_JOG)
             continue;
-        kernel->trial[i] = ax->interpolator;
+        interpolator_copy(&kernel->trial[i], &ax->interpolator);
         result = plan_jog(kernel, ax, &goals[i], &kernel->plan[0], &kernel->trial[i]);
         if (result != SJ_RESULT_ACCEPTED) {
             *refused = axes[i];
@@ -284,7 +284,7 @@ static void take_over(sj_kernel *kernel, const goal_set *set, int32_t synchroniz
         if (set->goal[i].kind == SJ_GOAL_HOME) {
             ax->homing = 1;
         } else {
-            ax->interpolator = kernel->trial[i];
+            interpolator_copy(&ax->interpolator, &kernel->trial[i]);
             ax->line = synchronization == SJ_SYNC_PHASE && set->goal[i].kind == SJ_GOAL_ABSOLUTE
                            ? ways[i] : 0.0;
         }
@@ -451,7 +451,7 @@ void sj_goal_again(sj_kernel *kernel, double planned)
         }
         for (int32_t k = 0; k < n; k++) {
             sj_axis *ax = &kernel->axis[axes[k]];
-            ax->interpolator = kernel->trial[k];
+            interpolator_copy(&ax->interpolator, &kernel->trial[k]);
             ax->parked = 0;
             if (rest)
                 ax->line = synchronization == SJ_SYNC_PHASE ? ways[k] : 0.0;
@@ -484,10 +484,10 @@ void sj_goal_reached(sj_kernel *kernel, int32_t axis)
         return;
     ax->goal.kind = SJ_GOAL_JOG; /* with the velocity it arrived with */
     if (isfinite(ax->config.position_min) || isfinite(ax->config.position_max)) {
-        kernel->trial[0] = ax->interpolator;
+        interpolator_copy(&kernel->trial[0], &ax->interpolator);
         if (plan_jog(kernel, ax, &ax->goal, &kernel->plan[0], &kernel->trial[0]) ==
             SJ_RESULT_ACCEPTED)
-            ax->interpolator = kernel->trial[0];
+            interpolator_copy(&ax->interpolator, &kernel->trial[0]);
     }
 }
 

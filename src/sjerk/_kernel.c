@@ -8,9 +8,11 @@
 #include <math.h>   /* fabs, isfinite */
 #include <stddef.h>
 #include <stdint.h>
+#include <string.h> /* memset of an interpolator */
 #include "_kernel.h"
 #include "_exact.h" /* double-double sums */
 #include "_lemma.h" /* from samples to the continuous motion and back */
+#include "_wide.h"  /* several phases, several cycles at once */
 
 /* ---- Eqs. (15)-(17) -------------------------------------------------------------------------- */
 
@@ -46,7 +48,7 @@ static void integrate(sj_interpolator *ip, sj_exact j)
 
 void sj_interpolator_start(sj_interpolator *ip, const sj_state *sample)
 {
-    *ip = (sj_interpolator){0};
+    memset(ip, 0, offsetof(sj_interpolator, legs)); /* of the legs none is used */
     ip->q = exact_of(sample->position);
     ip->v = exact_of(sample->velocity);
     ip->a = exact_of(sample->acceleration);
@@ -88,79 +90,126 @@ static double level_after(double level, const sj_phase *phase)
     return fabs(end) <= 16.0 * DBL_EPSILON * fabs(change) ? 0.0 : end;
 }
 
+enum { PHASES_WIDE = 4 }; /* phases at once; SJ_PHASES is a multiple of it */
+_Static_assert(SJ_PHASES % PHASES_WIDE == 0, "no phase is left over");
+
+/* The phases of a plan by columns: what each needs of the others is its acceleration levels alone, so
+ * that the divisions of all of them are done side by side. */
+typedef struct {
+    double cycles[SJ_PHASES];           /* n */
+    double level_hi[SJ_PHASES], level_lo[SJ_PHASES], end[SJ_PHASES]; /* A, and A_end */
+    double jerk_hi[SJ_PHASES], jerk_lo[SJ_PHASES];
+    double V_hi[SJ_PHASES], V_lo[SJ_PHASES];    /* what the phase adds to V */
+    double P_hi[SJ_PHASES], P_lo[SJ_PHASES];    /* and to P, beside n V */
+} columns;
+
+/* Lengths and levels, checked: enum sj_load_status. */
+static int32_t levels_of(const sj_plan *plan, sj_exact level, double *steepest, columns *c)
+{
+    int64_t cycles = 0;
+
+    if (plan->count < 0 || plan->count > SJ_PHASES)
+        return SJ_LOAD_PHASES;
+    for (int32_t i = 0; i < plan->count; i++) {
+        const sj_phase *phase = &plan->phase[i];
+        double end;
+        if (phase->cycles < 1 || phase->cycles > SJ_CYCLES_MAX - cycles || !isfinite(phase->jerk))
+            return SJ_LOAD_PHASES;
+        end = level_after(level.hi, phase);
+        *steepest = fmax(*steepest, fabs(end));
+        if (i == plan->count - 1) {
+            if (fabs(end) > landing_tolerance * *steepest)
+                return SJ_LOAD_MISSES;
+            end = 0.0;
+        }
+        c->cycles[i] = (double)phase->cycles;
+        c->level_hi[i] = level.hi;
+        c->level_lo[i] = level.lo;
+        c->end[i] = end;
+        level = exact_of(end);
+        cycles += phase->cycles;
+    }
+    for (int32_t i = plan->count; i % PHASES_WIDE != 0; i++) {
+        c->cycles[i] = 1.0;
+        c->level_hi[i] = c->level_lo[i] = c->end[i] = 0.0;
+    }
+    return cycles == plan->cycles ? SJ_LOAD_OK : SJ_LOAD_PHASES;
+}
+
+/* Eqs. (5), (3) over a phase: P += n V + n^2 (2 A + A_end) / 6,  V += n (A + A_end) / 2 */
+WIDE static void fill_columns(columns *restrict c, int32_t count)
+{
+    for (int32_t first = 0; first < count; first += PHASES_WIDE)
+        for (int32_t i = first; i < first + PHASES_WIDE; i++) {
+            double n = c->cycles[i];
+            sj_exact A = {c->level_hi[i], c->level_lo[i]}, end = exact_of(c->end[i]);
+            sj_exact jerk = exact_divide(exact_subtract(end, A), n);
+            sj_exact V = exact_half(exact_scale(exact_add(A, end), n));
+            sj_exact P = exact_divide(exact_multiply(exact_two_product(n, n),
+                                                     exact_add(exact_add(A, A), end)), 6.0);
+            c->jerk_hi[i] = jerk.hi;
+            c->jerk_lo[i] = jerk.lo;
+            c->V_hi[i] = V.hi;
+            c->V_lo[i] = V.lo;
+            c->P_hi[i] = P.hi;
+            c->P_lo[i] = P.lo;
+        }
+}
+
 /* Take over a plan from the present sample: by the lemma the continuous state, then exactly along
  * the phases; what is missing to the goal at the end is spread over all cycles. The interpolator is
  * unchanged unless SJ_LOAD_OK is returned. goal_free: the end position is where the phases lead. */
 int32_t sj_interpolator_load(sj_interpolator *ip, const sj_plan *plan, double goal,
                              double goal_velocity, int32_t goal_free)
 {
-    sj_interpolator next = *ip;
     continuous at = lemma(ip->q, ip->v, ip->a, ip->j);
     sj_exact start = at.P;
     double path = fabs(goal - start.hi);
     double resolution = DBL_EPSILON * fmax(fabs(goal), fabs(start.hi)); /* of a goal so far out */
     double fastest = fmax(fmax(fabs(at.V.hi), fabs(goal_velocity)), of_limits * plan->velocity);
     double steepest = fmax(fabs(at.A.hi), of_limits * plan->acceleration);
-    int64_t cycles = 0;
-    sj_exact missing_v;
+    sj_exact missing_v, spread_q = exact_of(0.0);
     double steps;
+    columns c;
+    int32_t status = levels_of(plan, at.A, &steepest, &c);
 
-    if (plan->count < 0 || plan->count > SJ_PHASES)
-        return SJ_LOAD_PHASES;
+    if (status != SJ_LOAD_OK)
+        return status;
+    fill_columns(&c, plan->count);
     for (int32_t i = 0; i < plan->count; i++) {
-        const sj_phase *phase = &plan->phase[i];
-        double n = (double)phase->cycles, end;
-        sj_exact change, twice;
-        if (phase->cycles < 1 || phase->cycles > SJ_CYCLES_MAX - cycles || !isfinite(phase->jerk))
-            return SJ_LOAD_PHASES;
-        end = level_after(at.A.hi, phase);
-        steepest = fmax(steepest, fabs(end));
-        if (i == plan->count - 1) {
-            if (fabs(end) > landing_tolerance * steepest)
-                return SJ_LOAD_MISSES;
-            end = 0.0;
-        }
-        change = exact_subtract(exact_of(end), at.A);
-        next.legs[i].cycles = phase->cycles;
-        next.legs[i].jerk = exact_divide(change, n);
-        /* Eqs. (5), (3) over the phase: P += n V + n^2 (2 A + A_end) / 6,  V += n (A + A_end) / 2 */
-        twice = exact_add(at.A, at.A);
+        double n = c.cycles[i];
         at.P = exact_add(at.P, exact_scale(at.V, n));
-        at.P = exact_add(at.P, exact_divide(exact_multiply(exact_two_product(n, n),
-                                                           exact_add(twice, exact_of(end))), 6.0));
-        at.V = exact_add(at.V, exact_half(exact_scale(exact_add(at.A, exact_of(end)), n)));
-        at.A = exact_of(end);
-        cycles += phase->cycles;
+        at.P = exact_add(at.P, (sj_exact){c.P_hi[i], c.P_lo[i]});
+        at.V = exact_add(at.V, (sj_exact){c.V_hi[i], c.V_lo[i]});
         fastest = fmax(fastest, fabs(at.V.hi));
         path += n * fastest;
     }
-    if (cycles != plan->cycles)
-        return SJ_LOAD_PHASES;
-    steps = (double)(cycles + 1);
 
     /* Lemma, point 2: the sample settles half a cycle of velocity after the plan's end. What is then
      * missing of velocity and position is spread evenly over all cycles, N + 1. */
+    steps = (double)(plan->cycles + 1);
     missing_v = exact_subtract(exact_of(goal_velocity), at.V);
     if (!(fabs(missing_v.hi) <= landing_tolerance * fastest))
         return SJ_LOAD_MISSES;
-    next.spread_v = exact_divide(missing_v, steps);
-    next.spread_q = exact_of(0.0);
     if (!goal_free) {
         sj_exact settled = exact_add(at.P, exact_half(at.V));
         sj_exact missing = exact_subtract(exact_of(goal), settled);
         missing = exact_subtract(missing, exact_half(exact_scale(missing_v, steps)));
         if (!(fabs(missing.hi) <= landing_tolerance * (path + steps * fastest) + resolution))
             return SJ_LOAD_MISSES;
-        next.spread_q = exact_divide(missing, steps);
+        spread_q = exact_divide(missing, steps);
     }
-    next.goal = goal;
-    next.goal_velocity = goal_velocity;
-    next.goal_free = goal_free;
-    next.count = plan->count;
-    next.leg = 0;
-    next.left = plan->count > 0 ? next.legs[0].cycles : 0;
-    next.ahead = cycles + 1;
-    *ip = next;
+    for (int32_t i = 0; i < plan->count; i++)
+        ip->legs[i] = (sj_leg){plan->phase[i].cycles, {c.jerk_hi[i], c.jerk_lo[i]}};
+    ip->spread_v = exact_divide(missing_v, steps);
+    ip->spread_q = spread_q;
+    ip->goal = goal;
+    ip->goal_velocity = goal_velocity;
+    ip->goal_free = goal_free;
+    ip->count = plan->count;
+    ip->leg = 0;
+    ip->left = plan->count > 0 ? ip->legs[0].cycles : 0;
+    ip->ahead = plan->cycles + 1;
     return SJ_LOAD_OK;
 }
 
@@ -198,14 +247,6 @@ int32_t sj_interpolator_step(sj_interpolator *ip)
 }
 
 enum { BLOCK = 256 }; /* cycles evaluated from one exact anchor */
-
-/* Wider vectors where the processor has them. The same operations in the same order, no fused ones,
- * so the same bits. (Sanitizers start after the resolver of such a function runs.) */
-#if defined(__x86_64__) && defined(__GLIBC__) && defined(__GNUC__) && !defined(__SANITIZE_ADDRESS__)
-#define WIDE __attribute__((target_clones("avx2", "default")))
-#else
-#define WIDE
-#endif
 
 /* x cut to its upper `bits` bits, and the rest: products of the upper part with small integers are
  * exact. */

@@ -601,9 +601,11 @@ int32_t sj_drive_init(sj_drive *drive, const sj_drive_config *config);      /* a
 int32_t sj_drive_configure(sj_drive *drive, const sj_drive_config *config); /* keeps the motion */
 void sj_drive_rescale(sj_drive *drive);      /* positions in pu anew from the encoder's increments */
 void sj_drive_cycle(sj_drive *drive, const sj_drive_rx *rx, sj_drive_tx *tx);
+/* The same for several, bit for bit, their motors side by side. */
+void sj_drive_cycles(sj_drive *const *drives, const sj_drive_rx *const *rx, sj_drive_tx *const *tx,
+                     int32_t count);
 /* The same with modes 1 and 3: what the drive asks for is planned at the period's end. */
 void sj_drive_cycle_planned(sj_drive *drive, const sj_drive_rx *rx, sj_drive_tx *tx);
-void sj_drive_cycle_many(sj_drive *drives, const sj_drive_rx *rx, sj_drive_tx *tx, int32_t count);
 void sj_drive_inject(sj_drive *drive, int32_t fault, int32_t present);
 uint16_t sj_drive_fault_code(int32_t fault);                    /* 603Fh of a named fault */
 

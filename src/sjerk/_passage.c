@@ -303,7 +303,7 @@ int64_t sj_passage_before(sj_kernel *kernel, const passage *p, const double *vel
                 return -1;
             plan->velocity = fmax(plan->velocity, fabs(velocity[i]));
         }
-        kernel->trial[i] = ax->interpolator;
+        interpolator_copy(&kernel->trial[i], &ax->interpolator);
         if (!is_direct(plan, p->at[i].V.hi, p->at[i].A.hi,
                        lemma_distance(&p->at[i], goal.goal, velocity[i]), p->limits[i].velocity) ||
             !sj_goal_inside(ax, &goal, &p->limits[i], plan) ||
@@ -345,7 +345,7 @@ void sj_passage_load(sj_kernel *kernel, const passage *p, const double *velocity
 {
     for (int32_t i = 0; i < p->n; i++) {
         sj_axis *ax = &kernel->axis[p->axes[i]];
-        ax->interpolator = kernel->trial[i];
+        interpolator_copy(&ax->interpolator, &kernel->trial[i]);
         ax->goal.goal_velocity = velocity[i];
         ax->onward = velocity[i] != 0.0;
         ax->line = 0.0;

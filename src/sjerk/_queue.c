@@ -120,7 +120,7 @@ static void add_before(const sj_kernel *kernel, passage *p, int32_t axis)
     p->axes[p->n] = axis;
     p->at[p->n] = axis_commanded(ax);
     p->limits[p->n] = sj_goal_limits(kernel, ax, &ax->goal);
-    p->limits[p->n] = sj_goal_kept(ax, &p->limits[p->n]);
+    p->limits[p->n] = sj_goal_kept(ax, &p->at[p->n], &p->limits[p->n]);
     p->n++;
 }
 

@@ -39,7 +39,7 @@ static void stretch(const sj_axis *ax, const sj_limits *own, int64_t cycles, sj_
 {
     continuous at = axis_commanded(ax);
     double low, high, way = sj_goal_way(plan, at.V.hi, at.A.hi, &low, &high);
-    sj_limits limits = sj_goal_kept(ax, own);
+    sj_limits limits = sj_goal_kept(ax, &at, own);
     sj_plan longer;
     way *= (double)cycles / (double)(plan->cycles > 0 ? plan->cycles : 1);
     if (!ax->interpolator.goal_free) {
@@ -57,8 +57,11 @@ void sj_stop_together(sj_kernel *kernel, const int32_t *axes, int32_t n)
     int64_t longest = 0;
     int32_t rest = 1;
 
-    for (int32_t i = 0; i < n; i++)
-        limits[i] = sj_goal_kept(&kernel->axis[axes[i]], limits_of(&kernel->axis[axes[i]]));
+    for (int32_t i = 0; i < n; i++) {
+        const sj_axis *ax = &kernel->axis[axes[i]];
+        continuous at = axis_commanded(ax);
+        limits[i] = sj_goal_kept(ax, &at, limits_of(ax));
+    }
     if (sj_group_line(kernel, axes, n, limits, 1) != 0) {
         for (int32_t i = 0; i < n; i++) {
             if (plan_stop(&kernel->axis[axes[i]], &limits[i], &kernel->plan[i]) != SJ_PLAN_OK) {
@@ -112,6 +115,7 @@ void sj_stop_quick(sj_kernel *kernel, uint64_t set, uint64_t together)
     sj_paced_release(kernel, set);
     for (int32_t i = 0; i < kernel->axes; i++) {
         sj_axis *ax = &kernel->axis[i];
+        continuous at;
         sj_limits limits;
         if ((set >> i & 1) == 0 || !ax->following)
             continue;
@@ -123,7 +127,8 @@ void sj_stop_quick(sj_kernel *kernel, uint64_t set, uint64_t together)
                 axis_give_up(ax);
             continue;
         }
-        limits = sj_goal_kept(ax, &ax->config.stop_limits);
+        at = axis_commanded(ax);
+        limits = sj_goal_kept(ax, &at, &ax->config.stop_limits);
         if (plan_stop(ax, &limits, &kernel->plan[i]) != SJ_PLAN_OK) {
             ax->drive_stop = 1;
             continue;
