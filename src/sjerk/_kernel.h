@@ -732,8 +732,9 @@ int32_t sj_track_add(sj_track *track, int64_t number, const int64_t *cycles, int
 /* The same of a segment that needs no check; SJ_TRACK_OK or SJ_TRACK_FULL. */
 int32_t sj_track_put(sj_track *track, int64_t number, const int64_t *cycles, int32_t last,
                      const sj_track_axis *axis);
-/* Forget the segments whose way-point has this number or a later one; the number of them. */
-int64_t sj_track_cut(sj_track *track, int64_t number);
+/* Forget the segments whose way-point has this number or a later one. cycles > 0: so many of the first
+ * of them stay, as the way to a way-point of that number. */
+void    sj_track_cut(sj_track *track, int64_t number, int64_t cycles);
 /* Segments before this one are not needed any more. */
 void    sj_track_pass(sj_track *track, int64_t segment);
 /* The phase of path cycle `cell`, the one from cell to cell + 1; 0, or -1: not known. */
@@ -907,8 +908,9 @@ int32_t sj_player_step(sj_player *player);
 double  sj_player_speed(const sj_player *player);
 /* Whole path cycles passed, and the rest. */
 int64_t sj_player_place(const sj_player *player, double *rest);
-/* Drop the segments from this way-point on; -1: one has begun, or a checked motion counts on it. */
-int32_t sj_player_cut(sj_player *player, int64_t number);
+/* Drop the segments from this way-point on, but for so many cycles of the first one; -1: the place is
+ * passed or not known, or a checked motion counts on what would go. Nothing has changed then. */
+int32_t sj_player_cut(sj_player *player, int64_t number, int64_t cycles);
 /* The state of an axis from which an interpolator goes on within the limits of its jerk. */
 void    sj_player_hand_over(const sj_player *player, int32_t axis, sj_state *sample, double *jerk);
 
@@ -986,7 +988,8 @@ typedef struct {
     int32_t reserved;
 } sj_axis_goal;
 
-/* Levels for one path, by its goal id; another one runs at speed 1. */
+/* Levels for one path, by the goal id with which it was opened, whatever took over from it since;
+ * another one runs at speed 1. */
 typedef struct {
     uint64_t goal_id;
     double speed;                       /* 0 .. 2, times the override */
@@ -1047,7 +1050,8 @@ typedef struct {
     uint64_t goal_id;
     uint64_t number;                    /* SEGMENT: of the way-point at its end; PATH: 0, or the one
                                            from which it replaces the path that runs */
-    int64_t cycles[4];                  /* SEGMENT: its phases */
+    int64_t cycles[4];                  /* SEGMENT: its phases; PATH: the first, so many cycles after
+                                           the way-point before that one */
     int64_t least_cycles;               /* MOVE */
     int32_t kind;                       /* enum sj_record_kind */
     int32_t mode;                       /* MOVE: enum sj_buffer_mode */
@@ -1275,7 +1279,8 @@ typedef struct {
 
 enum {
     SJ_AHEAD = 32,                      /* most records that are taken and wait for their turn */
-    SJ_AHEAD_TAKES = 4,                 /* most that one cycle takes */
+    SJ_AHEAD_TAKES = 4,                 /* most that one cycle takes, */
+    SJ_AHEAD_PASSES = 32,               /* beside those that are not to be begun */
     SJ_AHEAD_DROPS = 4                  /* most orders to drop that are remembered */
 };
 
@@ -1312,6 +1317,7 @@ uint64_t sj_record_bytes(int32_t axes);
 
 typedef struct {
     uint64_t goal_id, newest;           /* newest: highest id a record of a path had */
+    uint64_t root;                      /* of the path that was opened; others took over from it */
     uint64_t led;                       /* bit n: axis n is led by it; 0: none is in play */
     int32_t count;                      /* of its axes */
     int32_t cancelled;

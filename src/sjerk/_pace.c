@@ -634,20 +634,27 @@ int64_t sj_player_place(const sj_player *player, double *rest)
     return pace->origin + (int64_t)whole;
 }
 
-int32_t sj_player_cut(sj_player *player, int64_t number)
+int32_t sj_player_cut(sj_player *player, int64_t number, int64_t cycles)
 {
     sj_track *track = &player->track;
+    sj_cursor *cursor = &player->run.cursor;
     double rest;
-    int64_t at = sj_player_place(player, &rest), begin = track->end;
+    int64_t at = sj_player_place(player, &rest), begin = track->end, sum = 0;
     int64_t drops = track->number - number + 1;
-    if (drops < 0 || drops > track->count)
+    if (cycles < 0 || drops < (cycles > 0) || drops > track->count)
         return -1;
-    if (drops > 0)
-        begin = track->segment[(track->first + track->count - drops) % track->capacity].begin;
-    if (begin < at + 2 * TAIL || begin < player->checked)
+    if (drops > 0) {
+        const sj_track_segment *segment =
+            &track->segment[(track->first + track->count - drops) % track->capacity];
+        for (int p = 0; p < 4; p++)
+            sum += segment->cycles[p];
+        begin = segment->begin + cycles;
+    }
+    if (cycles > sum || begin < at + 2 * TAIL || begin < player->checked)
         return -1;
-    sj_track_cut(track, number);
+    sj_track_cut(track, number, cycles);
     track->whole = 0;
+    cursor->end = cursor->end < track->end ? cursor->end : track->end; /* of a phase cut in two */
     player->search.kind = SJ_SEARCH_NONE; /* what was found may stand on what was there */
     if (player->next_kind == SJ_SEARCH_STOP)
         player->next_kind = SJ_SEARCH_NONE;
