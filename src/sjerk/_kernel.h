@@ -698,9 +698,10 @@ typedef struct {
     int64_t cycles[4];
 } sj_track_segment;
 
-/* What an axis allows. */
+/* What an axis allows; the last two where its velocity becomes less. */
 typedef struct {
     double velocity, acceleration, jerk, position_min, position_max;
+    double deceleration, deceleration_jerk;
 } sj_track_limits;
 
 /* The window of a path: segments first .. first + count - 1, each in slot (index % capacity). */
@@ -727,6 +728,9 @@ typedef struct {
 void    sj_track_begin(sj_track *track, int32_t axes, const double *position,
                        const sj_track_limits *limits);
 int32_t sj_track_add(sj_track *track, int64_t number, const int64_t *cycles, int32_t last,
+                     const sj_track_axis *axis);
+/* The same of a segment that needs no check; SJ_TRACK_OK or SJ_TRACK_FULL. */
+int32_t sj_track_put(sj_track *track, int64_t number, const int64_t *cycles, int32_t last,
                      const sj_track_axis *axis);
 /* Forget the segments whose way-point has this number or a later one. cycles > 0: so many of the first
  * of them stay, as the way to a way-point of that number. */
@@ -823,7 +827,7 @@ void    sj_lemma_sample(const sj_state *plan, double jerk, sj_state *sample);
 /* ---- wiring: the pace of a path in play (_pace.c) -------------------------------------------- */
 
 /* Axis-samples that one cycle checks at most, and what a plan counts as. */
-enum { SJ_PACE_CHECKS = 1024, SJ_PACE_PLAN = 128 };
+enum { SJ_PACE_CHECKS = 1024, SJ_PACE_PLAN = 128, SJ_PACE_SEEN = 4 };
 
 enum sj_pace_status {
     SJ_PACE_RUNS = 0,
@@ -896,6 +900,9 @@ typedef struct {
 
 /* Needs a begun track. */
 void    sj_player_begin(sj_player *player);
+/* In motion already, at speed 1 at the track's begin; the wish must stay 1 until four positions are
+ * known, SJ_PACE_SEEN cycles. */
+void    sj_player_enter(sj_player *player);
 /* The positions of the next cycle, in run.past[0]; enum sj_pace_status. */
 int32_t sj_player_step(sj_player *player);
 double  sj_player_speed(const sj_player *player);
@@ -1140,6 +1147,7 @@ typedef struct {
     uint64_t kernel_epoch;              /* which kernel this frame is of */
     double cycle_time_s, override;
     int32_t result, result_axis;        /* enum sj_result; axis that refused, or -1 */
+    uint64_t paced;                     /* bit n: axis n is on the way of its move at another pace */
     int32_t axes, ending, hold;
     int32_t ring_spoilt;                /* 1: no record is taken until the host flushes the ring */
     sj_path_feedback path;
@@ -1175,7 +1183,8 @@ enum sj_trace_flag {
     SJ_TRACE_PARKED = 8,
     SJ_TRACE_DRIVE_STOP = 16,
     SJ_TRACE_LED = 32,                  /* by a path */
-    SJ_TRACE_STALE = 64
+    SJ_TRACE_STALE = 64,
+    SJ_TRACE_PACED = 128                /* on the way of its move, at another pace */
 };
 
 typedef struct {
@@ -1316,6 +1325,19 @@ typedef struct {
     sj_player player;
 } sj_path;
 
+/* ---- wiring: moves that are held on their way (_paced.c) -------------------------------------- */
+
+/* Axes of synchronised moves, one pace for all of them. */
+typedef struct {
+    uint64_t axes;                      /* bit n: axis n is led by it; 0: none is */
+    double override;                    /* under which they were planned */
+    int64_t at;                         /* cycles that `way` has gone */
+    int32_t count, reserved;
+    int32_t axis[64];                   /* of the kernel, by axis of the track */
+    sj_interpolator way[64];            /* the moves as planned */
+    sj_player player;
+} sj_paced;
+
 typedef struct {
     void *segment;
     int32_t axes;
@@ -1346,6 +1368,7 @@ typedef struct {
     sj_interpolator trial[64];
     sj_ahead ahead;
     sj_path path;
+    sj_paced paced;
     sj_drive_rx rx[64];                 /* process image: to the drives, from the drives */
     sj_drive_tx tx[64];
     int32_t stale[64];                  /* caller: 1, nothing of this drive came in time */

@@ -45,9 +45,10 @@ static sj_track_limits limits_of(const sj_axis *ax)
 {
     const sj_axis_config *config = &ax->config;
     const sj_limits *own = &config->limits;
-    return (sj_track_limits){own->velocity, fmin(own->acceleration, own->deceleration),
-                             fmin(own->jerk, own->deceleration_jerk), config->position_min,
-                             config->position_max};
+    double acceleration = fmin(own->acceleration, own->deceleration);
+    double jerk = fmin(own->jerk, own->deceleration_jerk);
+    return (sj_track_limits){own->velocity, acceleration, jerk, config->position_min,
+                             config->position_max, acceleration, jerk};
 }
 
 /* A path opens: its axes are at rest on its first way-point. */

@@ -152,12 +152,30 @@ static void keep_axis(sj_track *track, int32_t k, const sj_track_axis *in, const
     track->acceleration[k] = at.A;
 }
 
+int32_t sj_track_put(sj_track *track, int64_t number, const int64_t *cycles, int32_t last,
+                     const sj_track_axis *axis)
+{
+    sj_track_segment *segment = &track->segment[(track->first + track->count) % track->capacity];
+    if (track->count == track->capacity)
+        return SJ_TRACK_FULL;
+    for (int32_t k = 0; k < track->axes; k++)
+        keep_axis(track, k, &axis[k], cycles);
+    segment->begin = track->end;
+    segment->number = number;
+    memcpy(segment->cycles, cycles, sizeof segment->cycles);
+    track->number = number;
+    for (int p = 0; p < 4; p++)
+        track->end += cycles[p];
+    track->whole = last != 0;
+    track->count++;
+    return SJ_TRACK_OK;
+}
+
 int32_t sj_track_add(sj_track *track, int64_t number, const int64_t *cycles, int32_t last,
                      const sj_track_axis *axis)
 {
     int64_t sum;
     int32_t status = check_cycles(track, cycles, &sum);
-    sj_track_segment *segment = &track->segment[(track->first + track->count) % track->capacity];
 
     track->axis = -1;
     if (track->whole || number != track->number + 1)
@@ -173,16 +191,7 @@ int32_t sj_track_add(sj_track *track, int64_t number, const int64_t *cycles, int
             return status;
         }
     }
-    for (int32_t k = 0; k < track->axes; k++)
-        keep_axis(track, k, &axis[k], cycles);
-    segment->begin = track->end;
-    segment->number = number;
-    memcpy(segment->cycles, cycles, sizeof segment->cycles);
-    track->number = number;
-    track->end += sum;
-    track->whole = last != 0;
-    track->count++;
-    return SJ_TRACK_OK;
+    return sj_track_put(track, number, cycles, last, axis);
 }
 
 /* The last segment ends after so many cycles: the sample there becomes its way-point. */
