@@ -265,7 +265,7 @@ def _streamed(stream: GoalStream, goals: np.ndarray) -> np.ndarray:
 
 def test_dense_way_points(report: Any) -> None:
     """The same plan at 2 ms: met exactly, and within a tolerance."""
-    path, way = Trajectory.from_bag(shipped_recording()), dense_plan()
+    way = dense_plan()
     for tolerance in (1e-2, 1e-3, 1e-4):
         made = follow_within(way, PANDA, T, tolerance=tolerance)
         taken = sum(int(block.cycles.sum()) for block in made.blocks) * T
