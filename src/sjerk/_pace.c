@@ -230,18 +230,26 @@ static int32_t wanted(const sj_player *player, double *to)
 
 /* ---- one candidate --------------------------------------------------------------------------- */
 
-/* The next candidate; after the last one nothing is left to try. */
+/* The next candidate; after the last one nothing is left to try. Slower: a part of it hard before all of
+ * it softly, since the rest is looked for on the way. */
 static void go_softer(const sj_player *player, sj_search *search)
 {
     int32_t rungs = search->kind == SJ_SEARCH_SOONER ? player->rung - 1 : RUNGS;
+    int32_t slower = search->kind == SJ_SEARCH_CHANGE && search->to < player->run.pace.s.goal_velocity;
     search->stage = IDLE;
-    if (++search->rung < rungs)
-        return;
-    search->rung = 0;
-    if (++search->share < SHARES && search->kind != SJ_SEARCH_SOONER)
-        return;
-    search->share = 0;
-    search->spent = 1;
+    if (slower || search->kind == SJ_SEARCH_SOONER) {
+        if (++search->share < SHARES)
+            return;
+        search->share = 0;
+        search->spent = ++search->rung >= rungs;
+    } else {
+        if (++search->rung < rungs)
+            return;
+        search->rung = 0;
+        search->spent = ++search->share >= SHARES;
+    }
+    if (search->spent)
+        search->rung = search->share = 0;
 }
 
 /* Let the trial run so many cycles as it does now, unchecked; -1: over a place that is not known. */
@@ -305,6 +313,10 @@ static int32_t set_up(sj_player *player, int32_t *work)
     if (search->kind != SJ_SEARCH_STAY && search->kind != SJ_SEARCH_STOP) {
         if (player->next_kind != SJ_SEARCH_NONE && search->begin >= player->next_at)
             return -1;
+        if (search->kind == SJ_SEARCH_SOONER && search->share > 0)
+            from = player->run.pace.s.v.hi; /* a part of what is left */
+        if (search->kind == SJ_SEARCH_SOONER && search->share > 0 && search->to >= from)
+            return -1;
         to = from + (search->to - from) * share_of[search->share];
         if ((to > player->below && to < 1.0) || (to > 1.0 && search->kind != SJ_SEARCH_AWAY))
             return -1; /* no speed that can last */
@@ -319,7 +331,8 @@ static int32_t set_up(sj_player *player, int32_t *work)
     if (plan_change(&search->run.pace, to, &limits, &way) != 0)
         return -1;
     if (search->kind == SJ_SEARCH_SOONER && /* a tenth sooner, or not worth it */
-        delay + search->run.pace.s.ahead > player->run.pace.s.ahead * 9 / 10)
+        (double)(delay + search->run.pace.s.ahead) >
+            0.9 * share_of[search->share] * (double)player->run.pace.s.ahead)
         return -1;
     search->first = search->run.pace;
     search->stage = FIRST;
@@ -332,7 +345,8 @@ static int32_t has_second(const sj_player *player)
     const sj_search *search = &player->search;
     if (search->kind == SJ_SEARCH_AWAY)
         return 1;
-    return search->kind == SJ_SEARCH_CHANGE && search->run.pace.s.v.hi > 0.0 && is_lean(player);
+    return (search->kind == SJ_SEARCH_CHANGE || search->kind == SJ_SEARCH_SOONER) &&
+           search->run.pace.s.goal_velocity > 0.0 && is_lean(player);
 }
 
 /* One stage after the other; 1: run to its end, 0: goes on, -1: no. */
