@@ -126,9 +126,7 @@ def test_cycles_by_a_loop_in_c(report: Report, cycle_times: Times, drive: str) -
         (250, 0, "each 250 us"),
         (250, 150, "each 250 us, rehearsed"),
     ):
-        rounds = [
-            cycle_times(kernel, 2000, period_us=period_us, spin_us=spin_us) for _ in range(6)
-        ]
+        rounds = [cycle_times(kernel, 2000, period_us=period_us, spin_us=spin_us) for _ in range(6)]
         p99 = sorted(np.percentile(seen, 99) / 1e3 for seen in rounds)
         report.line(
             COMPUTING,
@@ -335,9 +333,7 @@ def test_step_and_read_beside_ruckig(report: Report, cycle_times: Times) -> None
     assert other.feedback().moving
     for name in (*external, *simulated):
         own, their = best[name] * 1e9, best["ruckig"] * 1e9
-        report.line(
-            LOOP, f"{name:15} {own:6.0f} ns / ruckig {their:6.0f} ns = {own / their:5.2f}"
-        )
+        report.line(LOOP, f"{name:15} {own:6.0f} ns / ruckig {their:6.0f} ns = {own / their:5.2f}")
 
 
 # ---- the paper's experiment ----------------------------------------------------------------------

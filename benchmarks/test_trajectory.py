@@ -20,7 +20,8 @@ from sjerk import (
     follow_stops,
     follow_within,
 )
-from sjerk.joining import Knot, join, split
+from sjerk.joining import join
+from sjerk.segments import Knot, split
 from sjerk.trajectory import shipped_recording
 
 T = 1e-3

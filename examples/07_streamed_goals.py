@@ -12,8 +12,9 @@ from pathlib import Path
 import numpy as np
 
 from sjerk import GoalStream, Limits
-from sjerk.joining import Knot, join, split
+from sjerk.joining import join
 from sjerk.plot import Curve, panels
+from sjerk.segments import Knot, split
 from sjerk.trajectory import read_recording, shipped_recording
 
 T, PERIOD = 1e-3, 0.1

@@ -71,6 +71,7 @@ class Run:
     acceleration: np.ndarray
     jerk: np.ndarray
     follows: np.ndarray
+    paced: np.ndarray
     moves: list[Move]
     events: list[Event]
 
@@ -105,12 +106,15 @@ class Watch:
         self.axes = np.frombuffer(frame, _DTYPE, count=host._axes, offset=offset)
         self.cycles: list[int] = []
         self.rows: list[np.ndarray] = []
+        self.paced: list[np.ndarray] = []
         self.events: list[Event] = []
         self.look()
 
     def look(self) -> bool:
         self.cycles.append(self.host._frame().cycle)
         self.rows.append(self.axes.copy())
+        bits = int(self.host._frame().paced)
+        self.paced.append(np.array([bits >> i & 1 for i in range(len(self.axes))], bool))
         self.events += self.host.events()[0]
         return bool(self.axes["moving"].any())
 
@@ -132,8 +136,8 @@ class Watch:
 
     def seen(self, moves: list[Move]) -> Run:
         rows = np.array(self.rows)
-        columns = (rows[name] for name in [*Run.__dataclass_fields__][1:-2])
-        return Run(np.array(self.cycles), *columns, moves, self.events)
+        columns = (rows[name] for name in [*Run.__dataclass_fields__][1:-3])
+        return Run(np.array(self.cycles), *columns, np.array(self.paced), moves, self.events)
 
 
 def give(host: Host, one: Queued, buffer: str | None = None) -> Move:
@@ -225,14 +229,22 @@ ways = st.one_of(st.floats(0.01, 12.0), st.floats(-12.0, -0.01), st.sampled_from
 
 
 def stay_within(run: Run, axes: int, *, quick: bool) -> None:
-    """Limits of the axes, their stop limits where one was asked for, and the position limits."""
+    """Limits of the axes, their stop limits where one was asked for, and the position limits.
+
+    Where a move is held on its way the samples have no jerk of their own: its positions are judged.
+    """
     most = (2000.0, 40000.0) if quick else (OWN.acceleration, OWN.jerk)
     ulp = 8 * np.spacing(np.max(np.abs(run.position)) + 1.0)
     for i in range(axes):
         q, v, a, j = (c[:, i] for c in (run.position, run.velocity, run.acceleration, run.jerk))
         led = (run.follows[1:, i] & run.follows[:-1, i]).astype(bool)  # else: the drive's own place
+        own = led & ~run.paced[1:, i] & ~run.paced[:-1, i]
         for rate, of in ((v, q), (a, v), (j, a)):
-            assert np.max(np.abs(np.diff(of) - (rate[1:] + rate[:-1]) / 2)[led]) <= ulp
+            assert np.max(np.abs(np.diff(of) - (rate[1:] + rate[:-1]) / 2)[own], initial=0.0) <= ulp
+        for order, limit in enumerate((OWN.velocity, *most), start=1):
+            joined = np.lib.stride_tricks.sliding_window_view(led, order).all(axis=1)
+            steps = np.abs(np.diff(q, order))[joined]
+            assert np.max(steps, initial=0.0) <= limit * T**order * (1 + 1e-9) + 2**order * ulp
         assert np.max(np.abs(v)) <= OWN.velocity * T * (1 + 1e-9)
         assert np.max(np.abs(a)) <= most[0] * T**2 * (1 + 1e-9)
         assert np.max(np.abs(j)) <= most[1] * T**3 * (1 + 1e-9)

@@ -324,8 +324,8 @@ def changes(r: Requests, T: float) -> NDArray[Any]:
 
 
 def stretched(r: Requests, T: float, more: Array, times: Array) -> NDArray[Any]:
-    """Plans `times` as long as the shortest and `more` cycles, or of the next length that works where
-    the target moves.
+    """Plans `times` as long as the shortest and `more` cycles, or of the next length that works
+    where the target moves.
     """
     made, plans, (limits, _keep), rows = _rows(r, T)
     for i, row in enumerate(rows):

@@ -29,7 +29,7 @@ class Player:
         for k, one in enumerate(limits):
             a, j = min(one.acceleration, one.braking[0]), min(one.jerk, one.braking[1])
             low, high = one.position or (-np.inf, np.inf)
-            most[k] = (one.velocity * T, a * T**2, j * T**3, low, high)
+            most[k] = (one.velocity * T, a * T**2, j * T**3, low, high, a * T**2, j * T**3)
         lib.sj_track_begin(self.track, self.axes, blocks[0].position[0].tolist(), most)
         lib.sj_player_begin(self.raw)
         self.segments = [

@@ -42,6 +42,8 @@ from sjerk import (
     Trajectory,
     follow,
 )
+from sjerk.joining import brake
+from sjerk.segments import Knot, split
 
 PLAN = blocks_of()
 SAMPLES = recording(PLAN)[0]
@@ -403,8 +405,99 @@ def test_a_splice_goes_on_along_other_segments(order: str) -> None:
         path._raise()
 
 
+def test_a_splice_between_way_points_goes_on_where_it_says() -> None:
+    """Any cycle of the way ahead, also of the segment that is passed: no step, limits kept."""
+    limits = [Limits(2.0, 20.0, 500.0)] * 2
+    q = _wave(40, 2, 0.5, 0.5)
+    (block,) = follow(Trajectory(["a", "b"], 0.5 * np.arange(40), q), limits, T)
+    whole = block.sample().position
+    rng = np.random.default_rng(3)
+    for cycle, ahead in zip(rng.integers(600, 12_000, 8), rng.integers(8, 900, 8), strict=True):
+        bench = Bench(q[0].tolist(), limits)
+        path = bench.play(block)
+        for _ in range(int(cycle)):
+            bench.kernel.step()
+            bench.rows.append(bench.now())
+        told = path.progress
+        passed = int(block.cycles[: told.point - 1].sum()) + round(told.time / T)
+        place = passed + int(ahead)
+        head, _ = split(block, place)
+        stop = brake(Knot.of(head), limits, T)
+        at, before = len(head), int(head.cycles[:-1].sum())
+        new = path.splice(stop, at, after=place - before)
+        bench.run(new)
+        assert new.done
+        keeps(bench.positions, limits)
+        at = begin_of(bench.positions)
+        expected = np.concatenate(
+            [head.sample().position, replace(stop, first=1).sample().position]
+        )
+        rows = bench.positions[at:]
+        np.testing.assert_allclose(rows, expected[: len(rows)], rtol=0.0, atol=1e-12)
+        np.testing.assert_array_equal(rows[:passed], whole[:passed])
+        assert (rows[-1] == stop.position[-1]).all()
+
+
+def test_a_place_that_is_passed_or_not_sent_is_refused_at_once() -> None:
+    """Each names the field, the value and where the path is."""
+    limits = [Limits(2.0, 20.0, 500.0)]
+    blocks = list(follow(Trajectory(["a"], 0.1 * np.arange(60), _wave(60, 1, 0.1)), limits, T))
+    bench = Bench(blocks[0].position[0].tolist(), limits)
+    path = bench.play(blocks)
+    bench.run(path, until=lambda: path.progress.point == 20)
+    for at, after in ((19, 5), (20, 0), (60, 1), (61, 0), (-1, 0), (30, -1)):
+        with pytest.raises(InputError, match=r"at|after"):
+            path.splice(blocks[0], at, after=after)
+    path.splice(_from(blocks, 30), 31)
+    with pytest.raises(InputError, match="already"):
+        path.splice(_from(blocks, 31), 32)
+
+
+@pytest.mark.parametrize("order", ["run", "pause", "slow"])
+@pytest.mark.parametrize("points", [60, 3000])
+def test_a_refused_splice_leaves_the_path_as_it_was(order: str, points: int) -> None:
+    """What was taken back is sent again, its speed and pause stay, every cycle is the plan's."""
+    limits = [Limits(2.0, 20.0, 500.0)] * 2
+    q = _wave(points, 2, 0.02, 0.02)
+    blocks = list(follow(Trajectory(["a", "b"], 0.02 * np.arange(points), q), limits, T))
+    expected, _ = recording(blocks)
+    bench = Bench(expected[0].tolist(), limits)
+    path = bench.play(blocks)
+    bench.run(path, until=lambda: len(bench.rows) > 600)
+    speed = {"run": 1.0, "pause": 0.0, "slow": 0.5}[order]
+    if order == "pause":
+        path.pause()
+    path.speed(0.5 if order == "slow" else 1.0)
+    bench.run(path, until=lambda: path.progress.speed == speed and path.progress.time > 0.0161)
+    at = path.progress.point
+    # the last cycles of this segment, and others of a path that was never sent behind them
+    begin = int(blocks[0].cycles[: at - 1].sum())
+    _, tail = split(blocks[0], begin + 18)
+    new = path.splice(replace(tail, first=0), at, after=18)
+    told = []
+    for _ in range(40):
+        new.pump()
+        bench.kernel.step()
+        bench.rows.append(bench.now())
+        told.append(path.progress.speed)
+    assert new.state is PathState.REFUSED
+    assert new.pump()
+    assert told == [speed] * 40
+    path.resume()
+    path.speed(1.0)
+    positions = bench.run(path, most=80_000)
+    assert path.done
+    recording_keeps(positions, limits)
+    if order == "run":
+        rows = positions[begin_of(positions) :]
+        np.testing.assert_array_equal(rows, expected[: len(rows)])
+    _, gaps = along(curve(expected), positions, 0, 16 * 8)
+    assert gaps.max() < 1e-6
+    np.testing.assert_array_equal(positions[-1], expected[-1])
+
+
 def test_a_splice_that_comes_too_late_is_refused() -> None:
-    """What the kernel has set out for stays; the path stops on what is left of it."""
+    """What the kernel has set out for stays."""
     q = _wave(60, 1, 0.1, 0.5)
     limits = [Limits(2.0, 20.0, 500.0)]
     blocks = list(follow(Trajectory(["a"], 0.1 * np.arange(60), q), limits, T))

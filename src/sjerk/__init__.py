@@ -13,15 +13,7 @@ from sjerk.errors import (
     SjerkError,
     SupersededError,
 )
-from sjerk.executor import (
-    GoalFeedback,
-    GoalHandle,
-    GoalStatus,
-    ResultCode,
-    Settings,
-    Tolerance,
-    TrajectoryExecutor,
-)
+from sjerk.executor import GoalHandle, TrajectoryExecutor
 from sjerk.feedback import (
     AxisFeedback,
     Event,
@@ -31,7 +23,8 @@ from sjerk.feedback import (
     PathState,
     Timing,
 )
-from sjerk.following import Followed, Segment, follow, follow_path, follow_stops
+from sjerk.following import follow
+from sjerk.goals import GoalFeedback, GoalStatus, ResultCode, Settings, Tolerance
 from sjerk.host import Host
 from sjerk.kernel import Axis, Image, MotionKernel, Reactions
 from sjerk.move import Move, MoveState
@@ -40,11 +33,13 @@ from sjerk.planning import Motion, Plans, plan, plan_many, plan_velocity
 from sjerk.playing import StreamPlayer
 from sjerk.profile import Extrema, Limits, Phase, Profile, Range, Samples, State, scurve
 from sjerk.recording import Gap, Recorder, Recording
+from sjerk.segments import Followed, Segment
 from sjerk.simulation import Difference, Replay, replay, simulate
 from sjerk.states import AxisState
 from sjerk.streaming import GoalStream, StreamReport
 from sjerk.thinning import Thinned, follow_within
 from sjerk.trajectory import ExecutionMode, Fault, FaultKind, Trajectory, TrajectoryError, resample
+from sjerk.untimed import follow_path, follow_stops
 
 __all__ = [
     "Axis",

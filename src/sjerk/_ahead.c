@@ -120,7 +120,7 @@ static uint64_t axes_of(const sj_kernel *kernel, const sj_record *record)
     return axes;
 }
 
-/* 1 taken, 0 none, < 0 spoilt; told once, and no record is taken until the host flushes the ring. */
+/* 1 taken, 2 taken and dropped, 0 none, < 0 spoilt; told once, and no record is taken until the host flushes the ring. */
 static int32_t take(sj_kernel *kernel)
 {
     sj_ahead *ahead = &kernel->ahead;
@@ -149,9 +149,11 @@ static int32_t take(sj_kernel *kernel)
     result = held->record.kind == SJ_RECORD_MOVE ? sj_queue_judge(kernel, held)
                                                  : SJ_RESULT_ACCEPTED;
     order = dropped(ahead, held);
-    if (order != NULL)
+    if (order != NULL) {
         drop(kernel, held, order->result);
-    else if (kernel->ending)
+        return 2;
+    }
+    if (kernel->ending)
         drop(kernel, held, SJ_RESULT_STOPPED);
     else if (held->axes == 0)
         answer(kernel, held, -1, SJ_RESULT_KIND);
@@ -182,11 +184,18 @@ void sj_ahead_take(sj_kernel *kernel)
 {
     sj_ahead *ahead = &kernel->ahead;
     uint64_t waiting = 0; /* axes of earlier records */
+    int32_t takes = 0, passes = 0;
 
-    for (int32_t k = 0; k < SJ_AHEAD_TAKES && ahead->count < SJ_AHEAD; k++) {
+    while (takes < SJ_AHEAD_TAKES && passes < SJ_AHEAD_PASSES && ahead->count < SJ_AHEAD) {
         uint64_t taken = kernel->ring_taken;
-        if (taken == ahead->seen || (k > 0 && taken > ahead->seen) || take(kernel) < 0)
+        int32_t status;
+        if (taken == ahead->seen || (takes + passes > 0 && taken > ahead->seen))
             break;
+        status = take(kernel);
+        if (status < 0)
+            break;
+        passes += status == 2;
+        takes += status != 2;
     }
     for (int32_t i = 0; i < ahead->count;) {
         sj_held *held = &ahead->held[ahead->order[i]];

@@ -267,11 +267,12 @@ static void take_override(sj_kernel *kernel)
     int32_t hold = kernel->command.hold != 0;
     if (!(override >= 0.0 && override <= 2.0))
         override = kernel->override;
-    if (override == kernel->override && hold == kernel->hold)
+    double planned = kernel->override;
+    if (override == planned && hold == kernel->hold)
         return;
     kernel->override = override;
     kernel->hold = hold;
-    sj_goal_again(kernel);
+    sj_goal_again(kernel, planned);
 }
 
 /* Edges are counters: each is acted on once, whatever was overwritten in between. */
@@ -453,7 +454,7 @@ static void interpolate(sj_kernel *kernel)
 {
     for (int32_t i = 0; i < kernel->axes; i++) {
         sj_axis *ax = &kernel->axis[i];
-        if (ax->following && (kernel->path.led >> i & 1) == 0) {
+        if (ax->following && ((kernel->path.led | kernel->paced.axes) >> i & 1) == 0) {
             int32_t ahead = ax->interpolator.ahead > 0;
             sj_interpolator_step(&ax->interpolator);
             if (ahead)
@@ -488,6 +489,7 @@ void sj_kernel_cycle(sj_kernel *kernel, uint64_t now_ns)
     collect(kernel);
     sj_ahead_take(kernel);
     sj_path_step(kernel);
+    sj_paced_step(kernel);
     interpolate(kernel);
     for (int32_t i = 0; i < kernel->axes; i++)
         send(kernel, i);

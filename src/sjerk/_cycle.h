@@ -1,6 +1,6 @@
 /* What the files of the cycle share: _cycle.c (top to bottom), _goals.c (goals), _group.c (the axes of
  * one goal), _stops.c (halt and quick stop), _ahead.c (what waits for its turn), _queue.c with
- * _passage.c (moves among it) and _path.c (the path in play). */
+ * _passage.c (moves among it), _path.c (the path in play) and _paced.c (moves held on their way). */
 #ifndef SJ_CYCLE_H
 #define SJ_CYCLE_H
 
@@ -78,8 +78,9 @@ int32_t sj_passage_plan(int32_t n, const sj_request *request, const sj_limits *l
 double sj_goal_way(const sj_plan *plan, double v, double a, double *low, double *high);
 /* A goal for all its axes or for none; stopped: it came with a stop. */
 void sj_goal_take(sj_kernel *kernel, int32_t stopped);
-/* The goals in execution anew, after a change of override or hold. */
-void sj_goal_again(sj_kernel *kernel);
+/* The goals in execution anew, after a change of override or hold. planned: the override under which
+ * they were planned, and on whose way they are held; 0: by stops of their own. */
+void sj_goal_again(sj_kernel *kernel, double planned);
 /* An axis that has reached its goal with a velocity goes on, and to rest at a position limit. */
 void sj_goal_reached(sj_kernel *kernel, int32_t axis);
 /* After a change of the axis' limits, and before a motion is planned. */
@@ -119,6 +120,15 @@ void sj_path_leave(sj_kernel *kernel, uint64_t axes);
 /* The interpolator of an axis as it goes on from the path; and to let go of axes. */
 void sj_path_hand_over(sj_kernel *kernel, int32_t axis);
 void sj_path_release(sj_kernel *kernel, uint64_t axes);
+
+/* Synchronised moves under way are held on it: one pace of time for all axes, and back to 1. Whether
+ * the axes of a goal can be; and all that can, 0: they stay as they were. */
+int32_t sj_paced_can(const sj_kernel *kernel, const int32_t *axes, int32_t n);
+int32_t sj_paced_begin(sj_kernel *kernel, uint64_t axes, double planned);
+void sj_paced_step(sj_kernel *kernel);
+/* The interpolators of these axes as they go on from it; and to let go of them. */
+void sj_paced_hand_over(sj_kernel *kernel, uint64_t axes);
+void sj_paced_release(sj_kernel *kernel, uint64_t axes);
 
 /* What a room says to a record: wait, begun, or refused with -(enum sj_result). */
 enum { OFFER_WAIT = 0, OFFER_TAKEN = 1 };

@@ -299,8 +299,11 @@ int32_t sj_goal_begin(sj_kernel *kernel, goal_set *set)
     uint64_t together = 0;
 
     set->refused = -1;
-    for (int32_t i = 0; i < set->n; i++)
+    for (int32_t i = 0; i < set->n; i++) {
+        together |= UINT64_C(1) << set->axes[i];
         sj_goal_ceiling(&kernel->axis[set->axes[i]]);
+    }
+    sj_paced_hand_over(kernel, together);
     if (!wait) {
         result = plan_goals(kernel, set->axes, set->goal, set->n, &synchronization,
                             set->least_cycles, 0, &set->refused, ways);
@@ -310,8 +313,7 @@ int32_t sj_goal_begin(sj_kernel *kernel, goal_set *set)
             kernel->axis[set->axes[i]].start = kernel->axis[set->axes[i]].interpolator.q.hi;
         take_over(kernel, set, synchronization, ways);
     }
-    for (int32_t i = 0; i < set->n; i++)
-        together |= UINT64_C(1) << set->axes[i];
+    sj_paced_release(kernel, together);
     for (int32_t i = 0; i < set->n; i++) {
         sj_axis *ax = &kernel->axis[set->axes[i]];
         sj_axis_feedback *out = &kernel->feedback.axis[set->axes[i]];
@@ -331,7 +333,7 @@ int32_t sj_goal_begin(sj_kernel *kernel, goal_set *set)
         out->peak_velocity = out->peak_acceleration = out->peak_jerk = 0.0;
     }
     if (wait)
-        sj_goal_again(kernel);
+        sj_goal_again(kernel, 0.0);
     return SJ_RESULT_ACCEPTED;
 }
 
@@ -381,9 +383,35 @@ void sj_goal_take(sj_kernel *kernel, int32_t stopped)
     sj_cycle_answer(kernel, command->goal_id, set.refused, result);
 }
 
-void sj_goal_again(sj_kernel *kernel)
+/* Held where a stop of its own leads; parked unless that is its goal. */
+static void hold_by_stop(sj_kernel *kernel, const int32_t *axes, int32_t n)
 {
-    uint64_t set = 0;
+    sj_stop_together(kernel, axes, n);
+    for (int32_t k = 0; k < n; k++) {
+        sj_axis *ax = &kernel->axis[axes[k]];
+        ax->parked = ax->interpolator.goal_free || ax->interpolator.ahead == 0;
+    }
+}
+
+static void hold_on_way(sj_kernel *kernel, uint64_t set, double planned)
+{
+    int32_t axes[SJ_AXES], n;
+    if (set == 0 || sj_paced_begin(kernel, set, planned))
+        return;
+    for (int32_t i = 0; i < kernel->axes; i++)
+        if (set >> i & 1) {
+            n = sj_group_of(kernel, i, &set, axes);
+            hold_by_stop(kernel, axes, n);
+        }
+}
+
+void sj_goal_again(sj_kernel *kernel, double planned)
+{
+    uint64_t set = 0, waits = 0;
+    if (!goal_held(kernel) && kernel->override != kernel->paced.override) {
+        sj_paced_hand_over(kernel, kernel->paced.axes);
+        sj_paced_release(kernel, kernel->paced.axes);
+    }
     for (int32_t i = 0; i < kernel->axes; i++) {
         sj_axis *ax = &kernel->axis[i];
         sj_goal_ceiling(ax);
@@ -391,6 +419,7 @@ void sj_goal_again(sj_kernel *kernel)
                               (ax->goal.kind == SJ_GOAL_ABSOLUTE && !ax->reached)))
             set |= UINT64_C(1) << i;
     }
+    set &= ~kernel->paced.axes;
     for (int32_t i = 0; i < kernel->axes; i++) {
         int32_t axes[SJ_AXES], n, synchronization, refused, rest = 1;
         sj_axis_goal goals[SJ_AXES];
@@ -401,11 +430,11 @@ void sj_goal_again(sj_kernel *kernel)
         if (!sj_queue_release(kernel, axes, n))
             continue; /* too late to do anything before the goal; the next move does it */
         if (goal_held(kernel)) {
-            sj_stop_together(kernel, axes, n);
-            for (int32_t k = 0; k < n; k++) {
-                sj_axis *ax = &kernel->axis[axes[k]];
-                ax->parked = ax->interpolator.goal_free || ax->interpolator.ahead == 0;
-            }
+            if (planned > 0.0 && sj_paced_can(kernel, axes, n))
+                for (int32_t k = 0; k < n; k++)
+                    waits |= UINT64_C(1) << axes[k];
+            else
+                hold_by_stop(kernel, axes, n);
             continue;
         }
         for (int32_t k = 0; k < n; k++) {
@@ -428,6 +457,7 @@ void sj_goal_again(sj_kernel *kernel)
                 ax->line = synchronization == SJ_SYNC_PHASE ? ways[k] : 0.0;
         }
     }
+    hold_on_way(kernel, waits, planned);
 }
 
 /* All axes of its goal are on it: told once, by the last. */

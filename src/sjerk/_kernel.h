@@ -701,9 +701,10 @@ typedef struct {
     int64_t cycles[4];
 } sj_track_segment;
 
-/* What an axis allows. */
+/* What an axis allows; the last two where its velocity becomes less. */
 typedef struct {
     double velocity, acceleration, jerk, position_min, position_max;
+    double deceleration, deceleration_jerk;
 } sj_track_limits;
 
 /* The window of a path: segments first .. first + count - 1, each in slot (index % capacity). */
@@ -731,8 +732,12 @@ void    sj_track_begin(sj_track *track, int32_t axes, const double *position,
                        const sj_track_limits *limits);
 int32_t sj_track_add(sj_track *track, int64_t number, const int64_t *cycles, int32_t last,
                      const sj_track_axis *axis);
-/* Forget the segments whose way-point has this number or a later one; the number of them. */
-int64_t sj_track_cut(sj_track *track, int64_t number);
+/* The same of a segment that needs no check; SJ_TRACK_OK or SJ_TRACK_FULL. */
+int32_t sj_track_put(sj_track *track, int64_t number, const int64_t *cycles, int32_t last,
+                     const sj_track_axis *axis);
+/* Forget the segments whose way-point has this number or a later one. cycles > 0: so many of the first
+ * of them stay, as the way to a way-point of that number. */
+void    sj_track_cut(sj_track *track, int64_t number, int64_t cycles);
 /* Segments before this one are not needed any more. */
 void    sj_track_pass(sj_track *track, int64_t segment);
 /* The phase of path cycle `cell`, the one from cell to cell + 1; 0, or -1: not known. */
@@ -825,7 +830,7 @@ void    sj_lemma_sample(const sj_state *plan, double jerk, sj_state *sample);
 /* ---- wiring: the pace of a path in play (_pace.c) -------------------------------------------- */
 
 /* Axis-samples that one cycle checks at most, and what a plan counts as. */
-enum { SJ_PACE_CHECKS = 1024, SJ_PACE_PLAN = 128 };
+enum { SJ_PACE_CHECKS = 1024, SJ_PACE_PLAN = 128, SJ_PACE_SEEN = 4 };
 
 enum sj_pace_status {
     SJ_PACE_RUNS = 0,
@@ -898,13 +903,17 @@ typedef struct {
 
 /* Needs a begun track. */
 void    sj_player_begin(sj_player *player);
+/* In motion already, at speed 1 at the track's begin; the wish must stay 1 until four positions are
+ * known, SJ_PACE_SEEN cycles. */
+void    sj_player_enter(sj_player *player);
 /* The positions of the next cycle, in run.past[0]; enum sj_pace_status. */
 int32_t sj_player_step(sj_player *player);
 double  sj_player_speed(const sj_player *player);
 /* Whole path cycles passed, and the rest. */
 int64_t sj_player_place(const sj_player *player, double *rest);
-/* Drop the segments from this way-point on; -1: one has begun, or a checked motion counts on it. */
-int32_t sj_player_cut(sj_player *player, int64_t number);
+/* Drop the segments from this way-point on, but for so many cycles of the first one; -1: the place is
+ * passed or not known, or a checked motion counts on what would go. Nothing has changed then. */
+int32_t sj_player_cut(sj_player *player, int64_t number, int64_t cycles);
 /* The state of an axis from which an interpolator goes on within the limits of its jerk. */
 void    sj_player_hand_over(const sj_player *player, int32_t axis, sj_state *sample, double *jerk);
 
@@ -982,7 +991,8 @@ typedef struct {
     int32_t reserved;
 } sj_axis_goal;
 
-/* Levels for one path, by its goal id; another one runs at speed 1. */
+/* Levels for one path, by the goal id with which it was opened, whatever took over from it since;
+ * another one runs at speed 1. */
 typedef struct {
     uint64_t goal_id;
     double speed;                       /* 0 .. 2, times the override */
@@ -1043,7 +1053,8 @@ typedef struct {
     uint64_t goal_id;
     uint64_t number;                    /* SEGMENT: of the way-point at its end; PATH: 0, or the one
                                            from which it replaces the path that runs */
-    int64_t cycles[4];                  /* SEGMENT: its phases */
+    int64_t cycles[4];                  /* SEGMENT: its phases; PATH: the first, so many cycles after
+                                           the way-point before that one */
     int64_t least_cycles;               /* MOVE */
     int32_t kind;                       /* enum sj_record_kind */
     int32_t mode;                       /* MOVE: enum sj_buffer_mode */
@@ -1139,6 +1150,7 @@ typedef struct {
     uint64_t kernel_epoch;              /* which kernel this frame is of */
     double cycle_time_s, override;
     int32_t result, result_axis;        /* enum sj_result; axis that refused, or -1 */
+    uint64_t paced;                     /* bit n: axis n is on the way of its move at another pace */
     int32_t axes, ending, hold;
     int32_t ring_spoilt;                /* 1: no record is taken until the host flushes the ring */
     sj_path_feedback path;
@@ -1174,7 +1186,8 @@ enum sj_trace_flag {
     SJ_TRACE_PARKED = 8,
     SJ_TRACE_DRIVE_STOP = 16,
     SJ_TRACE_LED = 32,                  /* by a path */
-    SJ_TRACE_STALE = 64
+    SJ_TRACE_STALE = 64,
+    SJ_TRACE_PACED = 128                /* on the way of its move, at another pace */
 };
 
 typedef struct {
@@ -1269,7 +1282,8 @@ typedef struct {
 
 enum {
     SJ_AHEAD = 32,                      /* most records that are taken and wait for their turn */
-    SJ_AHEAD_TAKES = 4,                 /* most that one cycle takes */
+    SJ_AHEAD_TAKES = 4,                 /* most that one cycle takes, */
+    SJ_AHEAD_PASSES = 32,               /* beside those that are not to be begun */
     SJ_AHEAD_DROPS = 4                  /* most orders to drop that are remembered */
 };
 
@@ -1306,12 +1320,26 @@ uint64_t sj_record_bytes(int32_t axes);
 
 typedef struct {
     uint64_t goal_id, newest;           /* newest: highest id a record of a path had */
+    uint64_t root;                      /* of the path that was opened; others took over from it */
     uint64_t led;                       /* bit n: axis n is led by it; 0: none is in play */
     int32_t count;                      /* of its axes */
     int32_t cancelled;
     int32_t axis[64];                   /* of the kernel, by axis of the track */
     sj_player player;
 } sj_path;
+
+/* ---- wiring: moves that are held on their way (_paced.c) -------------------------------------- */
+
+/* Axes of synchronised moves, one pace for all of them. */
+typedef struct {
+    uint64_t axes;                      /* bit n: axis n is led by it; 0: none is */
+    double override;                    /* under which they were planned */
+    int64_t at;                         /* cycles that `way` has gone */
+    int32_t count, reserved;
+    int32_t axis[64];                   /* of the kernel, by axis of the track */
+    sj_interpolator way[64];            /* the moves as planned */
+    sj_player player;
+} sj_paced;
 
 typedef struct {
     void *segment;
@@ -1343,6 +1371,7 @@ typedef struct {
     sj_interpolator trial[64];
     sj_ahead ahead;
     sj_path path;
+    sj_paced paced;
     sj_drive_rx rx[64];                 /* process image: to the drives, from the drives */
     sj_drive_tx tx[64];
     int32_t stale[64];                  /* caller: 1, nothing of this drive came in time */

@@ -102,6 +102,12 @@ static void remember(const sj_track *track, sj_run *run, const double *position)
     memcpy(run->past[0], position, bytes);
 }
 
+/* The limit of a change: of driving, of braking, or of the larger where it is neither or both. */
+static double most_of(int32_t drives, int32_t brakes, double driving, double braking)
+{
+    return drives == brakes ? fmax(driving, braking) : drives ? driving : braking;
+}
+
 /* Whether a next position keeps all limits, by its differences to the last three. */
 static int32_t keeps(const sj_track *track, const sj_run *run, const double *position)
 {
@@ -110,10 +116,13 @@ static int32_t keeps(const sj_track *track, const sj_run *run, const double *pos
         const sj_track_limits *most = &track->limits[k];
         double x = position[k], x1 = run->past[0][k], x2 = run->past[1][k], x3 = run->past[2][k];
         double noise = 8.0 * DBL_EPSILON * fabs(x), first = x - x1, before = x1 - x2;
-        double second = first - before, third = second - (before - (x2 - x3));
+        double second = first - before, last = before - (x2 - x3), third = second - last;
+        double now = second * (x - x2), then = last * (x1 - x3);
         broken |= !(fabs(first) <= most->velocity * WITHIN + noise);
-        broken |= !(fabs(second) <= most->acceleration * WITHIN + noise);
-        broken |= !(fabs(third) <= most->jerk * WITHIN + noise);
+        broken |= !(fabs(second) <= most_of(now > 0.0, now < 0.0, most->acceleration,
+                                            most->deceleration) * WITHIN + noise);
+        broken |= !(fabs(third) <= most_of(now > 0.0 || then > 0.0, now < 0.0 || then < 0.0,
+                                           most->jerk, most->deceleration_jerk) * WITHIN + noise);
     }
     return !broken;
 }
@@ -493,7 +502,9 @@ void sj_player_begin(sj_player *player)
     for (int32_t k = 0; k < track->axes; k++) {
         const sj_track_limits *most = &track->limits[k];
         player->hardest_a = fmin(player->hardest_a, most->acceleration / most->velocity);
+        player->hardest_a = fmin(player->hardest_a, most->deceleration / most->velocity);
         player->hardest_j = fmin(player->hardest_j, most->jerk / most->velocity);
+        player->hardest_j = fmin(player->hardest_j, most->deceleration_jerk / most->velocity);
         /* a constant speed between may see 3 % of a cycle's jerk more than the highest velocity */
         player->below = fmin(player->below, 1.0 - 0.035 * most->jerk / most->velocity);
         player->velocity[k] = player->acceleration[k] = player->jerk[k] = 0.0;
@@ -507,6 +518,13 @@ void sj_player_begin(sj_player *player)
     player->next_at = player->after_at = player->next_known = -1;
     player->begun = player->starves = player->rung = player->next_rung = 0;
     player->rests = TAIL;
+}
+
+void sj_player_enter(sj_player *player)
+{
+    pace_start(&player->run.pace, 0, 1.0);
+    player->begun = 1;
+    player->rests = 0;
 }
 
 /* The first cycle: at full speed at once where enough is known, or a stop has been found. */
@@ -616,20 +634,27 @@ int64_t sj_player_place(const sj_player *player, double *rest)
     return pace->origin + (int64_t)whole;
 }
 
-int32_t sj_player_cut(sj_player *player, int64_t number)
+int32_t sj_player_cut(sj_player *player, int64_t number, int64_t cycles)
 {
     sj_track *track = &player->track;
+    sj_cursor *cursor = &player->run.cursor;
     double rest;
-    int64_t at = sj_player_place(player, &rest), begin = track->end;
+    int64_t at = sj_player_place(player, &rest), begin = track->end, sum = 0;
     int64_t drops = track->number - number + 1;
-    if (drops < 0 || drops > track->count)
+    if (cycles < 0 || drops < (cycles > 0) || drops > track->count)
         return -1;
-    if (drops > 0)
-        begin = track->segment[(track->first + track->count - drops) % track->capacity].begin;
-    if (begin < at + 2 * TAIL || begin < player->checked)
+    if (drops > 0) {
+        const sj_track_segment *segment =
+            &track->segment[(track->first + track->count - drops) % track->capacity];
+        for (int p = 0; p < 4; p++)
+            sum += segment->cycles[p];
+        begin = segment->begin + cycles;
+    }
+    if (cycles > sum || begin < at + 2 * TAIL || begin < player->checked)
         return -1;
-    sj_track_cut(track, number);
+    sj_track_cut(track, number, cycles);
     track->whole = 0;
+    cursor->end = cursor->end < track->end ? cursor->end : track->end; /* of a phase cut in two */
     player->search.kind = SJ_SEARCH_NONE; /* what was found may stand on what was there */
     if (player->next_kind == SJ_SEARCH_STOP)
         player->next_kind = SJ_SEARCH_NONE;

@@ -45,9 +45,10 @@ static sj_track_limits limits_of(const sj_axis *ax)
 {
     const sj_axis_config *config = &ax->config;
     const sj_limits *own = &config->limits;
-    return (sj_track_limits){own->velocity, fmin(own->acceleration, own->deceleration),
-                             fmin(own->jerk, own->deceleration_jerk), config->position_min,
-                             config->position_max};
+    double acceleration = fmin(own->acceleration, own->deceleration);
+    double jerk = fmin(own->jerk, own->deceleration_jerk);
+    return (sj_track_limits){own->velocity, acceleration, jerk, config->position_min,
+                             config->position_max, acceleration, jerk};
 }
 
 /* A path opens: its axes are at rest on its first way-point. */
@@ -72,7 +73,7 @@ static int32_t open(sj_kernel *kernel, const sj_held *held)
             if (result != SJ_RESULT_ACCEPTED)
                 return -result;
         }
-    path->goal_id = path->newest;
+    path->goal_id = path->root = path->newest;
     path->led = held->axes;
     path->cancelled = path->count = 0;
     for (int32_t i = 0; i < kernel->axes; i++) {
@@ -97,7 +98,7 @@ static int32_t open(sj_kernel *kernel, const sj_held *held)
     return OFFER_TAKEN;
 }
 
-/* Another path takes over from a way-point on that this one has not set out for. */
+/* Another path takes over from a place that this one has not come to. */
 static int32_t splice(sj_kernel *kernel, const sj_held *held)
 {
     sj_path *path = &kernel->path;
@@ -106,7 +107,7 @@ static int32_t splice(sj_kernel *kernel, const sj_held *held)
         path->newest = held->record.goal_id;
     if (path->led != axes || path->cancelled || held->axes != axes ||
         held->record.number > SJ_CYCLES_MAX ||
-        sj_player_cut(&path->player, (int64_t)held->record.number) != 0)
+        sj_player_cut(&path->player, (int64_t)held->record.number, held->record.cycles[0]) != 0)
         return -SJ_RESULT_BEGUN;
     path->goal_id = held->record.goal_id;
     for (int32_t k = 0; k < path->count; k++)
@@ -229,7 +230,7 @@ static double wish_of(const sj_kernel *kernel)
     double wish = kernel->override;
     if (kernel->path.cancelled || kernel->hold)
         return 0.0;
-    if (command->goal_id != kernel->path.goal_id)
+    if (command->goal_id != kernel->path.root)
         return wish;
     if (command->pause || !(command->speed >= 0.0))
         return 0.0;
@@ -294,7 +295,7 @@ void sj_path_step(sj_kernel *kernel)
             sj_path_release(kernel, bit(path->axis[k]));
     if (path->led == 0)
         return;
-    if (kernel->command.path.goal_id == path->goal_id && kernel->command.path.cancel &&
+    if (kernel->command.path.goal_id == path->root && kernel->command.path.cancel &&
         !path->cancelled)
         sj_path_halt(kernel, path->led);
     player->wish = wish_of(kernel);

@@ -90,6 +90,8 @@ void sj_stop_halt(sj_kernel *kernel, uint64_t set)
             continue;
         n = sj_group_of(kernel, i, &set, axes);
         for (int32_t k = 0; k < n; k++) {
+            sj_paced_hand_over(kernel, UINT64_C(1) << axes[k]);
+            sj_paced_release(kernel, UINT64_C(1) << axes[k]);
             sj_goal_ceiling(&kernel->axis[axes[k]]);
             sj_ahead_stop(kernel, UINT64_C(1) << axes[k]);
             sj_cycle_trigger(kernel, axes[k], SJ_TRIGGER_HALT);
@@ -109,6 +111,8 @@ void sj_stop_quick(sj_kernel *kernel, uint64_t set, uint64_t together)
     uint64_t planned = 0;
     int64_t longest = 0;
     sj_path_leave(kernel, set);
+    sj_paced_hand_over(kernel, set);
+    sj_paced_release(kernel, set);
     for (int32_t i = 0; i < kernel->axes; i++) {
         sj_axis *ax = &kernel->axis[i];
         continuous at;
@@ -119,7 +123,8 @@ void sj_stop_quick(sj_kernel *kernel, uint64_t set, uint64_t together)
         sj_ahead_stop(kernel, UINT64_C(1) << i);
         sj_cycle_trigger(kernel, i, SJ_TRIGGER_QUICK_STOP);
         if (!axis_moving(ax)) {
-            ax->parked = 0;
+            if (!ax->reached) /* held on its way */
+                axis_give_up(ax);
             continue;
         }
         at = axis_commanded(ax);

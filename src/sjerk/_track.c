@@ -152,12 +152,30 @@ static void keep_axis(sj_track *track, int32_t k, const sj_track_axis *in, const
     track->acceleration[k] = at.A;
 }
 
+int32_t sj_track_put(sj_track *track, int64_t number, const int64_t *cycles, int32_t last,
+                     const sj_track_axis *axis)
+{
+    sj_track_segment *segment = &track->segment[(track->first + track->count) % track->capacity];
+    if (track->count == track->capacity)
+        return SJ_TRACK_FULL;
+    for (int32_t k = 0; k < track->axes; k++)
+        keep_axis(track, k, &axis[k], cycles);
+    segment->begin = track->end;
+    segment->number = number;
+    memcpy(segment->cycles, cycles, sizeof segment->cycles);
+    track->number = number;
+    for (int p = 0; p < 4; p++)
+        track->end += cycles[p];
+    track->whole = last != 0;
+    track->count++;
+    return SJ_TRACK_OK;
+}
+
 int32_t sj_track_add(sj_track *track, int64_t number, const int64_t *cycles, int32_t last,
                      const sj_track_axis *axis)
 {
     int64_t sum;
     int32_t status = check_cycles(track, cycles, &sum);
-    sj_track_segment *segment = &track->segment[(track->first + track->count) % track->capacity];
 
     track->axis = -1;
     if (track->whole || number != track->number + 1)
@@ -173,47 +191,71 @@ int32_t sj_track_add(sj_track *track, int64_t number, const int64_t *cycles, int
             return status;
         }
     }
-    for (int32_t k = 0; k < track->axes; k++)
-        keep_axis(track, k, &axis[k], cycles);
-    segment->begin = track->end;
-    segment->number = number;
-    memcpy(segment->cycles, cycles, sizeof segment->cycles);
-    track->number = number;
-    track->end += sum;
-    track->whole = last != 0;
-    track->count++;
-    return SJ_TRACK_OK;
+    return sj_track_put(track, number, cycles, last, axis);
 }
 
-int64_t sj_track_cut(sj_track *track, int64_t number)
+/* The last segment ends after so many cycles: the sample there becomes its way-point. */
+static void shorten(sj_track *track, int64_t cycles)
 {
-    int64_t dropped = 0;
-    size_t bytes = (size_t)track->axes * sizeof(double);
-    while (track->count > 0) {
-        int64_t last = track->first + track->count - 1;
-        const sj_track_segment *segment = segment_of(track, last);
-        if (segment->number < number)
-            break;
-        memcpy(track->way_point, column_of(track, last, FROM), bytes);
-        memcpy(track->velocity, column_of(track, last, V0), bytes);
-        memcpy(track->acceleration, column_of(track, last, A0), bytes);
-        for (int32_t k = 0; k < track->axes; k++) /* P0 = V/2 - A/3 + L/8 */
-            track->last_jerk[k] = 8.0 * (column_of(track, last, P0)[k] - 0.5 * track->velocity[k] +
-                                         track->acceleration[k] / 3.0);
-        track->end = segment->begin;
-        track->number = segment->number - 1;
-        track->whole = 0;
-        track->count--;
-        dropped++;
+    int64_t last = track->first + track->count - 1, slot = last % track->capacity, left = cycles;
+    sj_track_segment *segment = &track->segment[slot];
+    double *row = track->row + slot * COLUMNS * track->axes;
+
+    for (int p = 0; p < 4; p++) {
+        segment->cycles[p] = segment->cycles[p] < left ? segment->cycles[p] : left;
+        left -= segment->cycles[p];
     }
-    if (dropped > 0 && track->count > 0) { /* exactly, where it is still there */
-        int64_t last = track->first + track->count - 1;
-        const sj_track_segment *segment = segment_of(track, last);
+    for (int32_t k = 0; k < track->axes; k++) {
+        segment_state at = {row[P0 * track->axes + k], row[V0 * track->axes + k],
+                            row[A0 * track->axes + k]};
+        double J = 0.0;
         for (int p = 0; p < 4; p++)
-            if (segment->cycles[p] > 0)
-                memcpy(track->last_jerk, column_of(track, last, JERK + p), bytes);
+            if (segment->cycles[p] > 0) {
+                J = row[(JERK + p) * track->axes + k];
+                at = segment_after(at, (double)segment->cycles[p], J);
+            }
+        track->way_point[k] = row[FROM * track->axes + k] +
+                              (at.P - 0.5 * at.V + at.A / 3.0 - 0.125 * J);
+        row[TO * track->axes + k] = track->way_point[k];
+        track->velocity[k] = at.V;
+        track->acceleration[k] = at.A;
+        track->last_jerk[k] = J;
     }
-    return dropped;
+    track->end = segment->begin + cycles;
+    track->whole = 0;
+}
+
+/* The last segment goes. */
+static void remove_last(sj_track *track)
+{
+    int64_t last = track->first + track->count - 1;
+    const sj_track_segment *segment = segment_of(track, last);
+    size_t bytes = (size_t)track->axes * sizeof(double);
+    memcpy(track->way_point, column_of(track, last, FROM), bytes);
+    memcpy(track->velocity, column_of(track, last, V0), bytes);
+    memcpy(track->acceleration, column_of(track, last, A0), bytes);
+    for (int32_t k = 0; k < track->axes; k++) /* P0 = V/2 - A/3 + L/8 */
+        track->last_jerk[k] = 8.0 * (column_of(track, last, P0)[k] - 0.5 * track->velocity[k] +
+                                     track->acceleration[k] / 3.0);
+    track->end = segment->begin;
+    track->number = segment->number - 1;
+    track->whole = 0;
+    track->count--;
+    if (track->count == 0)
+        return;
+    segment = segment_of(track, last - 1); /* exactly, where it is still there */
+    for (int p = 0; p < 4; p++)
+        if (segment->cycles[p] > 0)
+            memcpy(track->last_jerk, column_of(track, last - 1, JERK + p), bytes);
+}
+
+void sj_track_cut(sj_track *track, int64_t number, int64_t cycles)
+{
+    int64_t kept = cycles > 0 ? number : number - 1;
+    while (track->count > 0 && track->number > kept)
+        remove_last(track);
+    if (cycles > 0 && track->count > 0 && track->number == number)
+        shorten(track, cycles);
 }
 
 void sj_track_pass(sj_track *track, int64_t segment)

@@ -8,63 +8,17 @@ drives.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from sjerk.errors import InputError
-from sjerk.following import Followed, IntArray
 from sjerk.planning import Synchronization, plan, plan_velocity
 from sjerk.profile import FloatArray, Limits, Profile, State
+from sjerk.segments import PHASES, Followed, IntArray, Knot, begin_of, sample_of, through
 
-_PHASES = 4  # of a segment
 #: Rounds until the sample stands on a way-point that is passed in motion; each gains 3 digits.
 _ROUNDS = 6
-
-
-@dataclass(frozen=True, eq=False)
-class Knot:
-    """Where a followed motion can be cut: the end of a segment, N joints.
-
-    ``position`` (N,): what the drives get in this cycle; ``velocity``, ``acceleration`` (N,): of
-    the continuous motion; ``last_jerk`` (N,): of the cycle before. Per second.
-
-    >>> Knot.rest([0.5]).velocity.tolist()
-    [0.0]
-    """
-
-    position: FloatArray
-    velocity: FloatArray
-    acceleration: FloatArray
-    last_jerk: FloatArray
-
-    @classmethod
-    def rest(cls, position: ArrayLike) -> Knot:
-        """At rest, and settled."""
-        at = np.array(position, dtype=np.float64)
-        return cls(at, np.zeros_like(at), np.zeros_like(at), np.zeros_like(at))
-
-    @classmethod
-    def of(cls, motion: Followed, i: int = -1) -> Knot:
-        """The state at way-point ``i`` of a block; default: its end."""
-        return cls(
-            motion.position[i], motion.velocity[i], motion.acceleration[i], motion.last_jerk[i]
-        )
-
-    @property
-    def moving(self) -> bool:
-        """Whether anything moves or is about to."""
-        return bool(self.velocity.any() or self.acceleration.any() or self.last_jerk.any())
-
-    def states(self, T: float) -> list[State]:
-        """Samples without jerk before them that belong to the same continuous motion."""
-        v = self.velocity - self.acceleration * (T / 2)
-        # the half-cycle lemma: once with the jerk of the cycle before, once without
-        a = self.acceleration * T**2
-        begin = self.position + self.velocity * (T / 2) - a / 3 + self.last_jerk * (T**3 / 8)
-        q = begin - v * (T / 2) + a / 12
-        return [State(*row) for row in np.column_stack([q, v, self.acceleration]).tolist()]
 
 
 def brake(
@@ -148,75 +102,6 @@ def both(limits: Limits) -> Limits:
     return Limits(limits.velocity, acceleration, jerk)
 
 
-def split(motion: Followed, cycles: int) -> tuple[Followed, Followed]:
-    """The first ``cycles`` of a motion, and the rest; neither is empty.
-
-    >>> whole = join(Knot.rest([0.0]), [0.2], [Limits(1.0, 4.0, 100.0)], 1e-3)
-    >>> head, tail = split(whole, 100)
-    >>> int(head.cycles.sum()), bool(tail.position[-1] == 0.2)
-    (100, True)
-    """
-    total, T = int(motion.cycles.sum()), motion.cycle_time
-    if isinstance(cycles, bool) or not isinstance(cycles, int) or not 0 < cycles < total:
-        raise InputError("cycles", cycles, f"must be an int in 1 .. {total - 1}")
-    ends = np.cumsum(motion.cycles)
-    i = int(np.searchsorted(ends, cycles))
-    if ends[i] == cycles:
-        return rows(motion, 0, i + 1), rows(motion, i + 1, len(motion))
-    before, after = motion.lengths[i].copy(), motion.lengths[i].copy()
-    left = cycles - (int(ends[i - 1]) if i else 0)
-    for p in range(_PHASES):
-        before[p] = min(before[p], left)
-        left -= int(before[p])
-    after -= before
-    knot = Knot.of(motion, i)
-    P, V, A, j = _through(*_begin(knot, T), knot.last_jerk * T**3, before, motion.jerk[i] * T**3)
-    between = (_sample(P, V, A, j), V / T, A / T**2, j / T**3)
-    head, tail = rows(motion, 0, i + 1), rows(motion, i, len(motion))
-    for name, row in zip(_STATES, between, strict=True):
-        getattr(head, name)[-1] = getattr(tail, name)[0] = row
-    head.lengths[-1], tail.lengths[0] = before, after
-    head.cycles[-1], tail.cycles[0] = before.sum(), after.sum()
-    head.stretch[-1] = 0
-    return head, replace(tail, first_cycle=motion.first_cycle + cycles)
-
-
-def rows(motion: Followed, first: int, last: int) -> Followed:
-    """Segments ``first .. last - 1`` of a motion, copied."""
-    return replace(
-        motion,
-        first=motion.first + first,
-        first_cycle=motion.first_cycle + int(motion.cycles[:first].sum()),
-        **{n: getattr(motion, n)[first:last].copy() for n in _SEGMENTS},
-        **{n: getattr(motion, n)[first : last + 1].copy() for n in _STATES},
-    )
-
-
-_SEGMENTS = ("cycles", "stretch", "lengths", "jerk")
-_STATES = ("position", "velocity", "acceleration", "last_jerk")
-
-
-def _begin(knot: Knot, T: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """P, V, A of the continuous motion, per cycle."""
-    V, A = knot.velocity * T, knot.acceleration * T**2
-    return knot.position + V / 2 - A / 3 + knot.last_jerk * (T**3 / 8), V, A
-
-
-def _through(
-    P: FloatArray, V: FloatArray, A: FloatArray, j: FloatArray, lengths: IntArray, jerk: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """P, V, A after phases of constant jerk, and the last one's jerk."""
-    for n, J in zip(lengths.tolist(), jerk, strict=True):
-        if n:
-            P = P + n * (V + n * (A / 2 + n * J / 6))
-            V, A, j = V + n * (A + n * J / 2), A + n * J, J
-    return P, V, A, j
-
-
-def _sample(P: FloatArray, V: FloatArray, A: FloatArray, j: FloatArray) -> FloatArray:
-    return P - V / 2 + A / 3 - j / 8
-
-
 def _followed(
     knot: Knot,
     profiles: Sequence[Profile],
@@ -236,17 +121,17 @@ def _followed(
     length = np.diff(bounds)
     if rest is not None:  # a cycle for the sample to come to rest
         jerk, length = np.vstack([jerk, np.zeros(joints)]), np.append(length, 1)
-    segments = -(-len(length) // _PHASES)
-    lengths: IntArray = np.zeros((segments, _PHASES), dtype=np.int64)
-    jerks: FloatArray = np.zeros((segments, _PHASES, joints))
+    segments = -(-len(length) // PHASES)
+    lengths: IntArray = np.zeros((segments, PHASES), dtype=np.int64)
+    jerks: FloatArray = np.zeros((segments, PHASES, joints))
     lengths.reshape(-1)[: len(length)] = length
     jerks.reshape(-1, joints)[: len(length)] = jerk
-    P, V, A = _begin(knot, T)
+    P, V, A = begin_of(knot, T)
     j = knot.last_jerk * T**3
     rows = [np.stack([knot.position, knot.velocity, knot.acceleration, knot.last_jerk])]
     for i in range(segments):
-        P, V, A, j = _through(P, V, A, j, lengths[i], jerks[i] * T**3)
-        rows.append(np.stack([_sample(P, V, A, j), V / T, A / T**2, j / T**3]))
+        P, V, A, j = through(P, V, A, j, lengths[i], jerks[i] * T**3)
+        rows.append(np.stack([sample_of(P, V, A, j), V / T, A / T**2, j / T**3]))
     if rest is not None:
         rows[-1] = np.stack([np.asarray(rest, dtype=np.float64), *np.zeros((3, joints))])
     table = np.stack(rows)

@@ -25,7 +25,7 @@ from sjerk.errors import (
     real,
 )
 from sjerk.feedback import PathState, limits_of
-from sjerk.following import Followed
+from sjerk.segments import Followed
 from sjerk.trajectory import Trajectory
 
 #: Records made at a time: memory, and how long the kernel's ring is left alone meanwhile.
@@ -80,6 +80,7 @@ class Path:
         *,
         replaces: Path | None = None,
         at: int = 0,
+        after: int = 0,
     ) -> None:
         """Not for callers: ``Host.follow`` makes it; ``splice`` with the path it ``replaces``."""
         self._host = host
@@ -87,41 +88,49 @@ class Path:
         self._rows = _dtype(host._axes)
         self._speed, self._paused = 1.0, False
         self._fed, self._complete = 0, False
-        self._sent: list[tuple[int, int]] = []  # ring number and way-point of each batch's last
+        self._sent: list[tuple[int, NDArray[Any]]] = []  # ring number of the last record, batch
         self._error: BaseException | None = None
         self._waiting = np.empty(0, dtype=self._rows)
         self._stop = threading.Event()
+        self._feeding = threading.RLock()
+        self._yields = False  # another path is to take over, and the kernel has not said yet
+        self._replaces = replaces  # until the kernel has said
         self._frame = ffi.new("sj_feedback *")
         self._number = ffi.new("uint64_t *")
         self._ended: PathState | None = None
         self._thread: threading.Thread | None = None
         with host._lock:
             self._goal_id = host._next_goal()
+        self._root: int = self._goal_id if replaces is None else replaces._root
         self._start: list[float] = []  # asked for, where the path is one of its own
         self._peaks = np.zeros((3, len(self._axes)))  # velocity, acceleration, jerk of what is sent
         source = iter((blocks,) if isinstance(blocks, Followed) else _blocks(blocks))
-        self._records = self._made(source, at)
+        self._records = self._made(source, at, after)
         self._waiting = next(self._records)  # at once, so that what is wrong is told here
+        if replaces is not None:  # nothing may be missing once the kernel has taken over
+            self._waiting = self._joined([self._waiting, next(self._records)])
         self._first_record = int(lib.sj_ring_published(host._segment.base)) + 1
         if replaces is not None:
-            replaces._give_way(at)
+            replaces._give_way(at + (after > 0))
             self._speed, self._paused = replaces._speed, replaces._paused
-            self._order()
+            self._send()
         if self._host._cyclic:
-            self._thread = threading.Thread(target=self._feed, daemon=True)
-            self._thread.start()
+            self._begin_feeding()
         else:
             self.pump()
 
     # ---- feeding
 
-    def _made(self, blocks: Iterator[Followed | None], at: int) -> Iterator[NDArray[Any]]:
+    def _made(
+        self, blocks: Iterator[Followed | None], at: int, after: int
+    ) -> Iterator[NDArray[Any]]:
         """Records of the blocks, at most ``_SLICE`` at a time, the first one opening the path.
 
-        One is held back until it is known whether it is the last. ``at``: the way-point of the path
-        in play where these go on, 0 for a path of its own.
+        One is held back until it is known whether it is the last. ``at``, ``after``: where in the
+        path in play these go on, as for ``splice``; ``at`` 0 for a path of its own.
         """
         held = np.empty(0, dtype=self._rows)
+        begin = at + (after > 0)
         expected = shift = -1
         for block in blocks:
             if block is None:
@@ -131,9 +140,9 @@ class Path:
                 raise InputError("blocks", block, "must hold what follow() gives, or None")
             if expected < 0:
                 expected = block.first if at else 0
-                shift = at - 1 - block.first if at else 0
+                shift = begin - 1 - block.first if at else 0
                 self._check(block, expected)
-                yield self._opening(block, at)
+                yield self._opening(block, at, after)
             self._check(block, expected)
             expected = block.first + len(block)
             for i in range(0, len(block), _SLICE):
@@ -163,9 +172,19 @@ class Path:
         rows["axis"]["kind"][:, self._axes] = lib.SJ_GOAL_ABSOLUTE
         return rows
 
-    def _opening(self, block: Followed, at: int) -> NDArray[Any]:
+    def _joined(self, parts: Sequence[NDArray[Any]]) -> NDArray[Any]:
+        """One after the other, in the layout of the ring (``np.concatenate`` would close gaps)."""
+        rows = np.zeros(sum(map(len, parts)), dtype=self._rows)
+        first = 0
+        for part in parts:
+            rows[first : first + len(part)] = part
+            first += len(part)
+        return rows
+
+    def _opening(self, block: Followed, at: int, after: int) -> NDArray[Any]:
         row = self._empty(1)
         row["kind"], row["number"] = lib.SJ_RECORD_PATH, at
+        row["cycles"][:, 0] = after
         self._start = [] if at else block.position[0].tolist()
         row["axis"]["position"][0, self._axes] = block.position[0]
         return row
@@ -191,15 +210,39 @@ class Path:
         For a caller's own loop: call it now and then between ``MotionKernel.step``. With a process
         a thread does it. Raises what the source of the blocks raises.
         """
-        segment = self._host._segment
+        if self._is_refused():
+            return True
         while not self._complete:
             if not len(self._waiting):
                 self._waiting = next(self._records)
                 if not len(self._waiting):
                     return False
+            if not self._send():
+                return False
+        return self._replaces is None
+
+    def _is_refused(self) -> bool:
+        """Whether the kernel has refused the splice; then the path before goes on."""
+        before = self._replaces
+        if before is None:
+            return False
+        state = self.state
+        if state is PathState.SENT:
+            return False
+        self._replaces = None
+        if state is not PathState.REFUSED:
+            return False
+        self._complete = True
+        before._go_on()
+        return True
+
+    def _send(self) -> bool:
+        """Some of what waits; False: there is no room, or another path is to take over."""
+        segment = self._host._segment
+        with self._feeding:
             room = segment.layout.record_capacity - lib.sj_ring_waiting(segment.base)
             count = min(room, len(self._waiting))
-            if count <= 0:
+            if count <= 0 or self._yields:
                 return False
             part = np.ascontiguousarray(self._waiting[:count])
             with self._host._lock:
@@ -210,9 +253,13 @@ class Path:
             if part["kind"][-1] == lib.SJ_RECORD_SEGMENT:
                 self._fed = int(part["number"][-1])
                 done = lib.sj_ring_taken(segment.base) - lib.SJ_AHEAD
-                self._sent = [sent for sent in self._sent if sent[0] > done] + [(number, self._fed)]
+                self._sent = [sent for sent in self._sent if sent[0] > done] + [(number, part)]
             self._complete = bool(part["last"][-1])
         return True
+
+    def _begin_feeding(self) -> None:
+        self._thread = threading.Thread(target=self._feed, daemon=True)
+        self._thread.start()
 
     def _feed(self) -> None:
         """The thread: until all is sent, or the path is over."""
@@ -221,7 +268,9 @@ class Path:
             while not self._stop.is_set() and not self._host._closed and not self.pump():
                 if lib.sj_feedback_read(base, self._frame, self._number) == 1:
                     told = self._frame.path
-                    if told.goal_id >= self._goal_id and PathState(told.state) in _ENDED:
+                    if told.goal_id > self._goal_id:
+                        return
+                    if told.goal_id == self._goal_id and PathState(told.state) in _ENDED:
                         return
                 self._stop.wait(1e-3)
         except BaseException as error:
@@ -234,7 +283,7 @@ class Path:
     def _order(self, *, cancel: int = 0) -> None:
         with self._host._lock:
             order = self._host._command.path
-            order.goal_id, order.speed = self._goal_id, self._speed
+            order.goal_id, order.speed = self._root, self._speed
             order.pause, order.cancel = self._paused, cancel
             self._host._publish()
 
@@ -268,36 +317,55 @@ class Path:
             self._take_back(self._first_record)
         self._order(cancel=1)
 
-    def splice(self, blocks: Blocks, at: int) -> Path:
-        """Go on along other segments from way-point ``at`` on; this path is superseded by the new.
+    def splice(self, blocks: Blocks, at: int, *, after: int = 0) -> Path:
+        """Go on along other segments; this path is superseded by the new one.
 
-        ``blocks`` begin at way-point ``at - 1`` of this path, in the state in which it passes it
-        (velocity, acceleration, jerk of the cycle before): its own there, or those of a plan with
-        the same way-points around it. Their numbers go on from ``at``. Speed and pause are kept.
-        Raises InputError where way-point ``at`` is ahead no more, or has not been sent. Where the
-        kernel finds that it has set out for it, the new path is refused. By then the segments of
-        this one from ``at`` on have been taken back, and do not come again: it stops on itself,
-        where those that the kernel has already taken end.
+        They take over at way-point ``at - 1`` of this path, or so many cycles ``after`` it on the
+        way to ``at``, in the state in which it passes there (velocity, acceleration, jerk of the
+        cycle before): its own, or that of a plan with the same way-points around it. The place
+        where they take over is a way-point then; numbers go on from there. Speed and pause are
+        kept; until the kernel has answered, orders to either path are for both. Raises InputError
+        where the place has been passed, or has not been sent. Where the kernel finds that it has
+        been passed or is counted on, the new path is refused, and this one goes on as it was.
         """
         progress = self.progress
-        if isinstance(at, bool) or not isinstance(at, int) or at <= progress.point:
+        for name, value in (("at", at), ("after", after)):
+            if isinstance(value, bool) or not isinstance(value, int) or value < 0:
+                raise InputError(name, value, "must be an int, not negative")
+        if at < progress.point + (after == 0):
             raise InputError("at", at, f"the way-point ahead is {progress.point}")
-        if at > progress.fed + 1:
+        if at > progress.fed + (after == 0):
             raise InputError("at", at, f"sent are way-points up to {progress.fed}")
-        return Path(self._host, blocks, self._axes, replaces=self, at=at)
+        if self._yields:
+            raise InputError("at", at, "another path is to take over already")
+        return Path(self._host, blocks, self._axes, replaces=self, at=at, after=after)
 
-    def _give_way(self, at: int) -> None:
-        """Feed no more, and take back what the kernel has not taken of way-points from ``at``."""
-        self._stop.set()
-        if self._thread is not None:
-            self._thread.join()
-        self._complete = True
-        for number, point in self._sent:
-            if point >= at:
-                count = min(point - at, number - 1)
-                with self._host._lock:
-                    self._take_back(number - count)
-                return
+    def _give_way(self, first: int) -> None:
+        """Take back what the kernel has not taken of way-points from ``first``; wait with more."""
+        with self._feeding:
+            self._yields = True
+            for number, part in self._sent:
+                points = part["number"]
+                if points[-1] >= first:
+                    left = int((points >= first).sum())
+                    with self._host._lock:
+                        self._take_back(number - left + 1)
+                    return
+
+    def _go_on(self) -> None:
+        """No other path has taken over: send again what was taken back, and go on."""
+        known = self.progress.known
+        with self._feeding:
+            again = [
+                part[(part["kind"] == lib.SJ_RECORD_SEGMENT) & (part["number"] > known)]
+                for _, part in self._sent
+            ]
+            self._waiting = self._joined([*again, self._waiting])
+            self._sent, self._yields = [], False
+            was, self._complete = self._complete, self._complete and not len(self._waiting)
+        if self._thread is not None and was and not self._complete:
+            self._thread.join()  # its work was done
+            self._begin_feeding()
 
     def _take_back(self, first: int) -> None:
         """Records from this number of the ring on, if not begun; under the lock."""

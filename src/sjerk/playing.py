@@ -17,11 +17,11 @@ from numpy.typing import ArrayLike
 
 from sjerk.errors import InputError, SjerkError, positive
 from sjerk.feedback import PathState
-from sjerk.following import Followed
 from sjerk.host import Host
-from sjerk.joining import Knot, brake
+from sjerk.joining import brake
 from sjerk.path import Path
 from sjerk.profile import Limits
+from sjerk.segments import Followed, Knot
 from sjerk.streaming import GoalStream, StreamReport
 
 _OVER = (

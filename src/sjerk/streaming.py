@@ -16,10 +16,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sjerk.errors import InputError, positive, real
-from sjerk.following import Followed, IntArray, Trial, Window, limits_per_cycle
-from sjerk.joining import Knot, brake, join, rows, split
+from sjerk.following import Trial, Window, limits_per_cycle
+from sjerk.joining import brake, join
 from sjerk.pacing import CATCH_UP, SPACING, excess, rates, slowing, thinned
 from sjerk.profile import FloatArray, Limits
+from sjerk.segments import Followed, IntArray, Knot, dwell, rows, split
 
 #: Goals that a plan looks at; those behind are looked at later.
 LOOKAHEAD = 256
@@ -267,8 +268,9 @@ class GoalStream:
         """From the present knot on: through the known goals, or else up to ``cycle``."""
         if not self._known:
             return [_Unit(self._without_goals(cycle), 0, False, True)]
-        if self._cycle < self._begin:
-            return [_Unit(self._rest(self._begin - self._cycle), 0, False, True)]
+        left = self._begin - self._cycle
+        if left > 0:
+            return [_Unit(dwell(self._knot.position, left, self._T), 0, False, True)]
         goals = self._known[:LOOKAHEAD]
         if self._within or (self._ended and len(goals) == len(self._known)):
             return self._stopping(goals)
@@ -285,7 +287,8 @@ class GoalStream:
             return join(self._knot, self._last.position, self._limits, self._T)
         if self._starving:
             self._timed, self._lag, self._pace = False, 0, 1.0
-        return self._rest(max(2, self._cycles(self._period), cycle - self._cycle))
+        cycles = max(2, self._cycles(self._period), cycle - self._cycle)
+        return dwell(self._knot.position, cycles, self._T)
 
     def _asked(self, goals: Sequence[_Goal]) -> IntArray:
         """Cycles to each goal: in its cycle, or later where lag is to be made up."""
@@ -548,21 +551,6 @@ class GoalStream:
             gap = np.abs(motion.position[-1] - self._last.position)
             self._beyond = np.maximum(self._beyond, gap)
         return motion
-
-    def _rest(self, cycles: int) -> Followed:
-        n = len(self._names)
-        return Followed(
-            self._names,
-            self._T,
-            0,
-            0,
-            np.array([cycles]),
-            np.zeros(1, dtype=np.int64),
-            np.array([[cycles, 0, 0, 0]]),
-            np.zeros((1, 4, n)),
-            np.repeat(self._knot.position[None], 2, axis=0),
-            *(np.zeros((2, n)) for _ in range(3)),
-        )
 
     def _on_last(self) -> bool:
         return bool((self._knot.position == self._last.position).all())

@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sjerk.errors import positive
-from sjerk.following import Followed, follow
+from sjerk.following import follow
 from sjerk.profile import FloatArray, Limits
+from sjerk.segments import Followed, Knot
 from sjerk.trajectory import Trajectory
 
 #: Time between the way-points to begin with, seconds.
@@ -54,6 +55,7 @@ def follow_within(
     cycle_time: float,
     *,
     tolerance: float,
+    begin: Knot | None = None,
 ) -> Thinned:
     """Follow a trajectory with its own times, from rest to rest, near its way-points.
 
@@ -61,7 +63,7 @@ def follow_within(
     first, the last and those of the ``kept`` exactly, in their cycles. All limits are kept as by
     ``follow``, which it uses; a segment that is stretched takes the times of the way-points in it
     along. Where a tolerance needs all way-points, all are kept. The whole trajectory is in memory.
-    Raises InputError, TrajectoryError, PlanError.
+    ``begin``: as for ``follow``. Raises InputError, TrajectoryError, PlanError.
 
     >>> t = np.arange(0.0, 1.001, 0.002)
     >>> wave = Trajectory(["a"], t, 0.1 * (1.0 - np.cos(np.pi * t))[:, None])
@@ -76,7 +78,7 @@ def follow_within(
     kept = np.unique(np.clip(np.searchsorted(way.time, moments), 0, n - 1))
     kept = np.union1d(kept, [0, n - 1])
     for _ in range(_ROUNDS):
-        blocks = tuple(follow(way.take(kept), limits, T, use_velocities=False))
+        blocks = tuple(follow(way.take(kept), limits, T, use_velocities=False, begin=begin))
         deviation = _deviation(way, kept, blocks, T)
         far = np.flatnonzero((np.abs(deviation) > tolerance).any(axis=1))
         if not len(far):

@@ -18,14 +18,8 @@ from sjerk.arguments import duration
 from sjerk.commands import host_of, show
 from sjerk.config import load
 from sjerk.errors import InputError
-from sjerk.executor import (
-    GoalFeedback,
-    GoalHandle,
-    GoalStatus,
-    ResultCode,
-    Settings,
-    TrajectoryExecutor,
-)
+from sjerk.executor import GoalHandle, TrajectoryExecutor
+from sjerk.goals import GoalFeedback, GoalStatus, ResultCode, Settings
 from sjerk.host import Host
 from sjerk.trajectory import ExecutionMode, Trajectory
 
@@ -135,7 +129,7 @@ class _Progress:
     def tell(self, goal: GoalHandle, told: GoalFeedback) -> None:
         """One line of feedback."""
         worst = float(np.abs(told.error).max())
-        point = min(told.point, self._points)  # a way onto the trajectory has points of its own
+        point = told.point + 1  # of the trajectory, counted as a person does
         with self._lock:
             if self._options.json:
                 show(

@@ -171,8 +171,8 @@ def _axis(
     counts = axis.counts_per_unit * axis.gear
     own, stop = _per_cycle(axis.limits, T), _per_cycle(axis.stop_limits or axis.limits, T)
     ulp = np.spacing(np.abs(q)) + 1e-300
-    # a path at another speed is judged by its positions: it has no jerk of its own
-    led = (rows["flags"] & lib.SJ_TRACE_LED) != 0
+    # a path or a held move at another speed is judged by its positions: it has no jerk of its own
+    led = (rows["flags"] & (lib.SJ_TRACE_LED | lib.SJ_TRACE_PACED)) != 0
     free = joined & ~led
     free[1:] &= ~led[:-1]
 
