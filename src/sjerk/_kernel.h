@@ -628,7 +628,7 @@ int32_t sj_master_homing(const sj_drive_tx *tx);                /* mode 6: 1 att
 
 void sj_verdict_clear(sj_drive_verdict *verdict);
 
-/* ---- peers: following (_follow.c) ------------------------------------------------------------ */
+/* ---- peers: following (_follow.c: the spline, _stretch.c: its times) --------------------------- */
 
 /* A window of way-points, followed by the samples. All memory is the caller's: `rows` of
  * points * sj_follow_row(joints) doubles, `spare` of sj_follow_spare(joints). Cycle units. */
