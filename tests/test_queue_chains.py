@@ -227,7 +227,7 @@ def test_whatever_comes_in_a_chain_it_keeps_its_limits_and_answers_every_move(
 def test_limits_lowered_in_a_chain_never_carry_it_beyond_those_it_began_under(
     velocity: float, at: int, lower: tuple[float, float, float], after: int, what: str
 ) -> None:
-    """What is planned next under lower limits, in mid-acceleration, still ends within the limits of the
+    """What is planned next under lower limits, in mid-acceleration, ends within the limits of the
     motion so far: their jerk is at hand as long as the axis moves.
     """
     own = slower(velocity)
