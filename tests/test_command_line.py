@@ -247,6 +247,45 @@ def test_who_is_host_already_is_named_with_what_halts_it() -> None:
         assert f"process {os.getpid()}: Ctrl-C there, or `kill -INT {os.getpid()}`" in done.stderr
 
 
+LEAD = """
+import sys, time
+from sjerk import Host
+with Host.attach(sys.argv[1]) as host:
+    host.enable()
+    host.jog(20.0).accepted()
+    print("leads", flush=True)
+    while True:
+        time.sleep(1.0)
+"""
+
+
+@pytest.mark.parametrize("quick", [(), ("--quick",)])
+def test_a_stop_with_interrupt_ends_the_program_that_leads_and_stops_what_it_moved(
+    quick: tuple[str, ...],
+) -> None:
+    """From another terminal: the host leaves, then this one stops the axes; without it, refused."""
+    axis = Axis(Limits(90.0, 500.0, 5000.0), 2**24 / 360.0, unit="deg")
+    with MotionKernel([axis], 1e-3) as kernel:
+        leader = subprocess.Popen(
+            [sys.executable, "-c", LEAD, kernel.name],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        assert leader.stdout is not None
+        assert leader.stdout.readline() == "leads\n"
+        refused = sjerk("stop", "--name", kernel.name)
+        assert refused.returncode == 1
+        assert "`sjerk stop --interrupt`" in refused.stderr
+        done = sjerk("stop", "--interrupt", "--json", *quick, "--name", kernel.name)
+        assert done.returncode == 0, done.stderr
+        assert "KeyboardInterrupt" in leader.communicate(timeout=60)[1]
+        again = sjerk("stop", "--interrupt", "--name", kernel.name)  # nobody leads
+        assert again.returncode == 0, again.stderr
+        with kernel.host() as host:
+            assert host.feedback().axes[0].velocity == 0.0
+
+
 def test_the_live_table_needs_no_host(tmp_path: Path) -> None:
     """Monitor shows a row per axis and leaves by itself."""
     axis = Axis(Limits(90.0, 500.0, 5000.0), 2**24 / 360.0, unit="deg")
