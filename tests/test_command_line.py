@@ -27,7 +27,7 @@ LEAVE = (
 
 def sjerk(*arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, "-m", "sjerk", *arguments], capture_output=True, text=True, timeout=60
+        [sys.executable, "-m", "sjerk", *arguments], capture_output=True, text=True, timeout=600
     )
 
 
@@ -161,7 +161,7 @@ def test_a_person_runs_a_kernel_by_commands(tmp_path: Path) -> None:
         assert judged == "not installed" or judged["count"] > 100
         assert say("disable")[0] == 0
         kernel.terminate()
-        assert kernel.wait(timeout=60.0) == 0
+        assert kernel.wait(timeout=600.0) == 0
     assert sjerk("status", "--name", name).returncode == 6
     assert not [entry for entry in Path("/dev/shm").iterdir() if name in entry.name]
 
@@ -180,7 +180,7 @@ def test_a_kernel_with_drives_outside_is_refused_in_a_line(tmp_path: Path) -> No
 def test_a_kernel_process_without_its_order_ends_quietly(order: bytes) -> None:
     """Whoever started it was ended before, or while, it said what to run."""
     program = [sys.executable, "-c", "from sjerk.kernel import serve; serve()"]
-    done = subprocess.run(program, input=order, capture_output=True, timeout=60)
+    done = subprocess.run(program, input=order, capture_output=True, timeout=600)
     assert (done.returncode, done.stdout, done.stderr) == (0, b"", b"")
 
 
@@ -279,7 +279,7 @@ def test_a_stop_with_interrupt_ends_the_program_that_leads_and_stops_what_it_mov
         assert "`sjerk stop --interrupt`" in refused.stderr
         done = sjerk("stop", "--interrupt", "--json", *quick, "--name", kernel.name)
         assert done.returncode == 0, done.stderr
-        assert "KeyboardInterrupt" in leader.communicate(timeout=60)[1]
+        assert "KeyboardInterrupt" in leader.communicate(timeout=600)[1]
         again = sjerk("stop", "--interrupt", "--name", kernel.name)  # nobody leads
         assert again.returncode == 0, again.stderr
         with kernel.host() as host:
