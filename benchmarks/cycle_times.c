@@ -28,19 +28,31 @@ static void exchange(sj_kernel *kernel)
     }
 }
 
-/* CPU time of each of `count` cycles in ns; period_ns = 0: back to back. */
+/* CPU time of each of `count` cycles in ns; period_ns = 0: back to back. The last spin_ns before each
+ * are watched, not slept; rehearsals are part of that, as in
+ * _clock.c. */
 void cycle_times(void (*cycle)(sj_kernel *, uint64_t), sj_kernel *kernel, int64_t count,
-                 uint64_t period_ns, int32_t spin, int32_t external, uint64_t *cpu_ns)
+                 uint64_t period_ns, uint64_t spin_ns, int32_t external,
+                 void (*rehearse)(const sj_kernel *, sj_kernel *), sj_kernel *copy,
+                 uint64_t *cpu_ns)
 {
     uint64_t deadline = read_ns(CLOCK_MONOTONIC);
     for (int64_t k = 0; k < count; k++) {
         struct timespec t;
-        uint64_t before;
+        uint64_t before, most = 10000;
+        uint64_t wake;
         deadline += period_ns;
-        t = (struct timespec){(time_t)(deadline / 1000000000), (long)(deadline % 1000000000)};
-        if (period_ns && !spin)
+        wake = deadline - spin_ns;
+        t = (struct timespec){(time_t)(wake / 1000000000), (long)(wake % 1000000000)};
+        if (period_ns)
             while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &t, NULL) == EINTR)
                 ;
+        for (uint64_t now = read_ns(CLOCK_MONOTONIC); rehearse && now + most < deadline;) {
+            uint64_t begun = now;
+            rehearse(kernel, copy);
+            now = read_ns(CLOCK_MONOTONIC);
+            most = 2 * (now - begun);
+        }
         while (period_ns && read_ns(CLOCK_MONOTONIC) < deadline)
             ;
         if (external)

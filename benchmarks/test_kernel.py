@@ -25,6 +25,7 @@ from sjerk._binding import ffi, lib
 from sjerk.cyclictest import Cyclictest
 from sjerk.demo import AFTER_S, COUNTS_PER_DEGREE, LIMITS, Record, _error, single_move, streamed
 from sjerk.feedback import Distribution
+from sjerk.kernel import _copy
 from sjerk.trajectory import read_recording, shipped_recording
 
 HERE = Path(__file__).parent
@@ -34,7 +35,7 @@ REAL_TIME = Clock(priority=80, lock_memory=True)
 AXES = 7
 COMPUTING = "computing time of a cycle of 7 axes, us"
 WAKING = "wake-up latency of a kernel of 7 axes beside cyclictest, same seconds, us"
-LOOP = "seven axes from Python, ratio to ruckig's update loop (goal: at most 1.0)"
+LOOP = "seven axes from Python, drives and positions; ratio to ruckig's update loop (goal: 1.0)"
 
 Times = Callable[..., np.ndarray]
 
@@ -50,16 +51,30 @@ def cycle_times(tmp_path_factory: pytest.TempPathFactory) -> Times:
     subprocess.run([*order, str(HERE / "cycle_times.c"), "-o", str(made)], check=True)
     run = ctypes.CDLL(str(made)).cycle_times
     pointer, count = ctypes.c_void_p, ctypes.c_uint64
-    run.argtypes = [pointer, pointer, count, count, ctypes.c_int32, ctypes.c_int32, pointer]
-    cycle = int(ffi.cast("uintptr_t", ffi.addressof(lib, "sj_kernel_cycle")))
+    run.argtypes = [
+        *(pointer, pointer, count, count, count, ctypes.c_int32, pointer, pointer, pointer)
+    ]
+    cycle, rehearse = (
+        int(ffi.cast("uintptr_t", ffi.addressof(lib, name)))
+        for name in ("sj_kernel_cycle", "sj_kernel_rehearse")
+    )
 
     def times(
-        kernel: MotionKernel, cycles: int, *, period_us: int = 0, empty: bool = False
+        kernel: MotionKernel,
+        cycles: int,
+        *,
+        period_us: int = 0,
+        spin_us: int = 0,
+        empty: bool = False,
     ) -> np.ndarray:
         out = np.zeros(cycles, dtype=np.uint64)
         external = int(kernel.axes[0].drive == "external")
         at = int(ffi.cast("uintptr_t", kernel._kernel))
-        run(None if empty else cycle, at, cycles, period_us * 1000, 0, external, out.ctypes.data)
+        copy, memory = _copy(len(kernel.axes), kernel.cycle_time, clocked=False)
+        rehearsal = (rehearse, int(ffi.cast("uintptr_t", copy))) if spin_us else (None, None)
+        waits = period_us * 1000, spin_us * 1000
+        run(None if empty else cycle, at, cycles, *waits, external, *rehearsal, out.ctypes.data)
+        memory.close()
         return out
 
     return times
@@ -96,18 +111,32 @@ def row(times: Distribution) -> str:
 
 @pytest.mark.parametrize("drive", ["simulated", "external"])
 def test_cycles_by_a_loop_in_c(report: Report, cycle_times: Times, drive: str) -> None:
-    """In motion; back to back, and every 250 us with the processor asleep between."""
+    """In motion; back to back, every 250 us with the processor asleep between, and that rehearsed.
+
+    Rehearsed: the last 150 us are watched, not slept, as by ``Clock(spin_us=150)``; a usual process
+    wakes up some 60 us late. A round in which the timer's interrupt falls into the cycles has
+    its time too.
+    """
     kernel, host = ready(cycle_times, AXES, "external" if drive == "external" else DriveConfig())
     host.move([1e4] * AXES)
     cycle_times(kernel, 100)
-    goal = "(goal: p99 3)" if drive == "external" else ""
-    for period_us, name in ((0, "back to back"), (250, "each 250 us")):
-        seen = cycle_times(kernel, 8000, period_us=period_us)
-        report.line(COMPUTING, f"{drive:9} {name:13} {percentiles(seen)} {goal}")
+    goal = f"(goal: p99 {3 if drive == 'external' else 15})"
+    for period_us, spin_us, name in (
+        (0, 0, "back to back"),
+        (250, 0, "each 250 us"),
+        (250, 150, "each 250 us, rehearsed"),
+    ):
+        rounds = [cycle_times(kernel, 2000, period_us=period_us, spin_us=spin_us) for _ in range(6)]
+        p99 = sorted(np.percentile(seen, 99) / 1e3 for seen in rounds)
+        report.line(
+            COMPUTING,
+            f"{drive:9} {name:22} {percentiles(np.concatenate(rounds))} "
+            f"p99 by rounds {p99[0]:.2f} .. {p99[-1]:.2f} {goal}",
+        )
     assert host.feedback().moving
     if drive == "external":
         seen = cycle_times(kernel, 8000, period_us=250, empty=True)
-        report.line(COMPUTING, f"the clock's own, each 250 us {percentiles(seen)}")
+        report.line(COMPUTING, f"of these the clock's own, 250 us {percentiles(seen)}")
 
 
 @pytest.mark.parametrize("synchronization", ["none", "time"])
@@ -266,27 +295,32 @@ def ruckig_loop() -> Callable[[], Any]:
     return update
 
 
-def kernel_loop(times: Times, drive: Any) -> tuple[Callable[[], Any], Host]:
-    """kernel.step() of seven axes on the same move, and reading all positions."""
+def kernel_loops(times: Times, drive: Any) -> tuple[dict[str, Callable[[], Any]], Host]:
+    """kernel.step() of seven axes on the same move; all positions as a list, as the live array."""
     kernel, host = ready(times, AXES, drive, Limits(1.0, 2.0, 10.0))
     host.move([5e3] * AXES)
     kernel.step(10)
     positions = kernel.positions
 
-    def step() -> Any:
+    def as_list() -> Any:
         kernel.step()
         return positions.tolist()
 
-    return step, host
+    def as_array() -> Any:
+        kernel.step()
+        return positions
+
+    kind = "external" if drive == "external" else "simulated"
+    return {f"{kind:9} list": as_list, f"{kind:9} array": as_array}, host
 
 
 def test_step_and_read_beside_ruckig(report: Report, cycle_times: Times) -> None:
     """The same motion in both loops, by turns on one processor; ruckig has no drives."""
     before = os.sched_getaffinity(0)
     os.sched_setaffinity(0, {max(before)})
-    external, host = kernel_loop(cycle_times, "external")
-    simulated, other = kernel_loop(cycle_times, DriveConfig())
-    loops = {"ruckig": ruckig_loop(), "external": external, "simulated": simulated}
+    external, host = kernel_loops(cycle_times, "external")
+    simulated, other = kernel_loops(cycle_times, DriveConfig())
+    loops = {"ruckig": ruckig_loop(), **external, **simulated}
     best = dict.fromkeys(loops, float("inf"))
     for _ in range(150):
         for name, loop in loops.items():
@@ -297,11 +331,9 @@ def test_step_and_read_beside_ruckig(report: Report, cycle_times: Times) -> None
     os.sched_setaffinity(0, before)
     assert host.feedback().moving
     assert other.feedback().moving
-    for name in ("external", "simulated"):
+    for name in (*external, *simulated):
         own, their = best[name] * 1e9, best["ruckig"] * 1e9
-        report.line(
-            LOOP, f"{name:9} drives {own:6.0f} ns / ruckig {their:6.0f} ns = {own / their:5.2f}"
-        )
+        report.line(LOOP, f"{name:15} {own:6.0f} ns / ruckig {their:6.0f} ns = {own / their:5.2f}")
 
 
 # ---- the paper's experiment ----------------------------------------------------------------------

@@ -59,6 +59,27 @@ def test_follow_with_times_too_fast(benchmark: Any) -> None:
     benchmark(lambda: list(follow(way, PANDA, T, use_velocities=False)))
 
 
+def dense_plan() -> Trajectory:
+    """The recorded plan at 2 ms, by cubics through its way-points and velocities."""
+    path = Trajectory.from_bag(shipped_recording())
+    assert path.velocity is not None
+    t = np.append(np.arange(0.0, path.duration, 0.002), path.duration)
+    near = np.clip(np.searchsorted(path.time, t, side="right") - 1, 0, len(path) - 2)
+    h = np.diff(path.time)[near][:, None]
+    share = (t - path.time[near])[:, None] / h
+    p, d = path.position[near], path.position[near + 1] - path.position[near]
+    v0, v1 = path.velocity[near] * h, path.velocity[near + 1] * h
+    q = p + v0 * share + (3 * d - 2 * v0 - v1) * share**2 + (v0 + v1 - 2 * d) * share**3
+    return Trajectory(path.joint_names, t, q)
+
+
+def test_follow_dense_way_points_too_fast(benchmark: Any) -> None:
+    """The same at 2 ms: all of 1720 segments are stretched, most to several times their length."""
+    way = dense_plan()
+    benchmark.extra_info["per"] = len(way)
+    benchmark(lambda: list(follow(way, PANDA, T, use_velocities=False)))
+
+
 def test_follow_without_times(benchmark: Any) -> None:
     """The same way-points as fast as the limits allow."""
     path = Trajectory.from_bag(shipped_recording()).position
@@ -244,16 +265,7 @@ def _streamed(stream: GoalStream, goals: np.ndarray) -> np.ndarray:
 
 def test_dense_way_points(report: Any) -> None:
     """The same plan at 2 ms: met exactly, and within a tolerance."""
-    path = Trajectory.from_bag(shipped_recording())
-    t = np.append(np.arange(0.0, path.duration, 0.002), path.duration)
-    near = np.clip(np.searchsorted(path.time, t, side="right") - 1, 0, len(path) - 2)
-    share = ((t - path.time[near]) / np.diff(path.time)[near])[:, None]
-    assert path.velocity is not None
-    h = np.diff(path.time)[near][:, None]
-    p, d = path.position[near], path.position[near + 1] - path.position[near]
-    v0, v1 = path.velocity[near] * h, path.velocity[near + 1] * h
-    q = p + v0 * share + (3 * d - 2 * v0 - v1) * share**2 + (v0 + v1 - 2 * d) * share**3
-    way = Trajectory(path.joint_names, t, q)
+    way = dense_plan()
     for tolerance in (1e-2, 1e-3, 1e-4):
         made = follow_within(way, PANDA, T, tolerance=tolerance)
         taken = sum(int(block.cycles.sum()) for block in made.blocks) * T

@@ -72,6 +72,7 @@ int32_t sj_kernel_axis(sj_kernel *kernel, int32_t axis, const sj_drive_config *d
     ax->actual_counts = kernel->tx[axis].position_actual;
     sj_interpolator_start(&ax->interpolator,
                           &(sj_state){(double)ax->actual_counts / config->counts_per_unit, 0.0, 0.0});
+    out->limits = config->limits;
     out->position_min = config->position_min;
     out->position_max = config->position_max;
     out->counts_per_unit = config->counts_per_unit;
@@ -211,7 +212,7 @@ static void take_limits(sj_kernel *kernel, int32_t i, const sj_limits *limits)
     if (limits->velocity > ax->config.velocity_max * (1.0 + 1e-9))
         result = SJ_RESULT_SPEED;
     if (result == SJ_RESULT_ACCEPTED) {
-        ax->config.limits = *limits;
+        ax->config.limits = kernel->feedback.axis[i].limits = *limits;
         sj_goal_ceiling(ax);
     }
     sj_cycle_tell(kernel, SJ_EVENT_LIMITS, i, result, 0.0);
@@ -235,6 +236,7 @@ static int32_t take_axes(sj_kernel *kernel)
     for (int32_t i = 0; i < kernel->axes; i++) {
         const sj_axis_command *in = &kernel->command.axis[i];
         sj_axis *ax = &kernel->axis[i];
+        sj_axis_feedback *out = &kernel->feedback.axis[i];
         halts |= (uint64_t)(in->halts != ax->halts) << i;
         quick_stops |= (uint64_t)(in->quick_stops != ax->quick_stops) << i;
         together |= (uint64_t)(in->together != 0) << i;
@@ -245,11 +247,11 @@ static int32_t take_axes(sj_kernel *kernel)
         }
         if (in->limit_sets != ax->limit_sets)
             take_limits(kernel, i, &in->limits);
-        ax->enable = in->enable;
-        ax->halts = in->halts;
-        ax->quick_stops = in->quick_stops;
-        ax->resets = in->resets;
-        ax->limit_sets = in->limit_sets;
+        ax->enable = out->enable = in->enable;
+        ax->halts = out->halts = in->halts;
+        ax->quick_stops = out->quick_stops = in->quick_stops;
+        ax->resets = out->resets = in->resets;
+        ax->limit_sets = out->limit_sets = in->limit_sets;
     }
     kernel->ahead.stop = kernel->command.stop_records;
     sj_ahead_stop(kernel, halts | quick_stops | disabled);
@@ -303,8 +305,11 @@ static void collect(sj_kernel *kernel)
 static void watch_following(sj_kernel *kernel, int32_t i)
 {
     sj_axis *ax = &kernel->axis[i];
-    double error = (double)(ax->target_counts - ax->actual_counts) / ax->config.counts_per_unit;
-    if (!ax->following || ax->error || fabs(error) <= ax->config.following_limit)
+    double error;
+    if (!ax->following || ax->error || isinf(ax->config.following_limit))
+        return;
+    error = (double)(ax->target_counts - ax->actual_counts) / ax->config.counts_per_unit;
+    if (fabs(error) <= ax->config.following_limit)
         return;
     sj_cycle_tell(kernel, SJ_EVENT_FOLLOWING, i, 0, error);
     sj_cycle_react(kernel, SJ_CAUSE_FOLLOWING_ERROR, sj_cycle_all(kernel));
@@ -345,9 +350,10 @@ static void watch(sj_kernel *kernel, uint64_t now_ns)
 static int32_t settling(const sj_kernel *kernel, sj_axis *ax, int32_t i)
 {
     double T = kernel->feedback.cycle_time_s;
-    double speed = fabs(kernel->tx[i].velocity_actual * T / ax->config.counts_per_unit);
+    double counts = fabs(kernel->tx[i].velocity_actual * T);
+    double least = SETTLED * ax->config.limits.velocity * ax->config.counts_per_unit;
     ax->resting = axis_moving(ax) ? 0 : ax->resting + (ax->resting < INT32_MAX);
-    ax->still = speed > SETTLED * ax->config.limits.velocity ? 0 : ax->still + (ax->still < INT32_MAX);
+    ax->still = counts > least ? 0 : ax->still + (ax->still < INT32_MAX);
     return ax->still * T < 0.02 && ax->resting * T < 1.0;
 }
 
@@ -416,6 +422,7 @@ static void keep(const sj_axis *ax, sj_axis_feedback *out)
         out->goal = ax->goal.goal;
 }
 
+/* What may be another in every cycle; levels and limits are told where they are taken. */
 static void report(const sj_kernel *kernel, int32_t i, sj_axis_feedback *out)
 {
     const sj_axis *ax = &kernel->axis[i];
@@ -440,12 +447,6 @@ static void report(const sj_kernel *kernel, int32_t i, sj_axis_feedback *out)
     out->enabled = sj_master_enabled(tx->statusword);
     out->fault = sj_master_fault(tx->statusword);
     out->state = ax->state;
-    out->enable = ax->enable;
-    out->halts = ax->halts;
-    out->quick_stops = ax->quick_stops;
-    out->resets = ax->resets;
-    out->limit_sets = ax->limit_sets;
-    out->limits = ax->config.limits;
 }
 
 /* Loops of their own: the processor works at several axes at once where each waits for its sums. */

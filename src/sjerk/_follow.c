@@ -6,58 +6,25 @@
  * at the end of a cycle of jerk j is q = P - V/2 + A/3 - j/8, so knot by knot the unknown is A
  * alone: the relations V = alpha + beta A, j = gamma + delta A are swept forward, A backward (a
  * tridiagonal elimination). A knot's influence falls by a factor of four per segment.
- * Where limits are exceeded segments are stretched by whole cycles, then each gives back what it can.
- * docs/explanation/trajectories.md. Never here: allocation, time, layouts of memory.
+ * How long the segments take is decided in _stretch.c. docs/explanation/trajectories.md. Never here:
+ * allocation, time, layouts of memory.
  */
-#include <math.h>   /* fabs, sqrt, cbrt, floor, ceil */
+#include <math.h>   /* floor, fmax */
 #include <stddef.h>
 #include <stdint.h>
 #include <string.h> /* memcpy of rows */
 #include "_kernel.h"
+#include "_follow.h"  /* rows */
 #include "_segment.h" /* what a sample is */
-
-/* Segments on either side that a change of one is felt in: 0.27^24 is below the last bit. */
-enum { REACH = 24, NEAR = 5, ROUNDS = 4000, PASSES = 50 };
-/* Room for rounding: of a trial, and of the whole. */
-static const double TIGHT = 1.0 + 1e-10, WITHIN = 1.0 + 5e-10;
-
-/* A row per knot: shared by its joints, then J numbers each. */
-enum { BETA, DELTA, F, M1, M2, M3, IDLE, MARK, SHARED = 8 };
-enum { ALPHA, GAMMA, E, VEL, ACC, J1, J2, J3, COLUMNS };
 
 int64_t sj_follow_row(int32_t joints)
 {
     return SHARED + COLUMNS * (int64_t)joints;
 }
 
-int64_t sj_follow_spare(int32_t joints)
-{
-    return (2 * REACH + 2) * sj_follow_row(joints);
-}
-
-static double *row_of(const sj_follow *s, int64_t i)
-{
-    return s->rows + i * sj_follow_row(s->joints);
-}
-
-static double *column_of(const sj_follow *s, int64_t i, int32_t column)
-{
-    return row_of(s, i) + SHARED + (int64_t)column * s->joints;
-}
-
 /* What a jerk held over m of a segment's cycles, r before its end, adds to V and P at that end. */
 static double to_velocity(double m, double r) { return m * (0.5 * m + r); }
 static double to_position(double m, double r) { return m * (m * m / 6.0 + 0.5 * r * (m + r)); }
-
-/* Fewest cycles of segment i: so many jerks as it has, and one of rest at the end. */
-int64_t sj_follow_least(const sj_follow *s, int64_t i)
-{
-    int64_t last = s->points - 1;
-    int64_t least = s->velocity || last == 1 ? 3 : 2;
-    if (i == last && (s->velocity || last == 1)) least = 4;
-    else if (i == last) least = 3;
-    return s->least[i] > least ? s->least[i] : least;
-}
 
 /* ---- one sweep ------------------------------------------------------------------------------- */
 
@@ -99,12 +66,11 @@ static void sweep(const sj_follow *s, int64_t i)
     double h = (double)s->cycles[i], *row = row_of(s, i);
     const double *before = row_of(s, i - 1);
     double beta = before[BETA], delta = before[DELTA];
-    double c1 = h * beta + h * h / 3.0 - 1.0 / 3.0 + 0.125 * delta - 0.25 * h + 0.125 / h;
-    double c2 = h * h / 6.0 - 0.25 * h + 1.0 / 3.0 - 0.125 / h;
-    double over = -1.0 / c1, f = c2 * over, lever = beta + 0.5 * h;
+    double over, f, lever = beta + 0.5 * h;
     const double *alpha0 = column_of(s, i - 1, ALPHA), *gamma0 = column_of(s, i - 1, GAMMA);
     double *alpha = column_of(s, i, ALPHA), *gamma = column_of(s, i, GAMMA), *e = column_of(s, i, E);
     const double *q = s->position + i * s->joints, *q0 = q - s->joints;
+    follow_pivot(h, beta, delta, &over, &f);
     split(row, h, 0.0, 0.0, 0.0);
     row[F] = f;
     row[BETA] = lever * f + 0.5 * h;
@@ -235,8 +201,7 @@ static void pass(const sj_follow *s, int64_t i)
 
 /* ---- the whole window ------------------------------------------------------------------------ */
 
-/* After the cycles of segment `first` or later ones changed: felt from `reach` before it up to `to`. */
-static void solve(const sj_follow *s, int64_t first, int64_t to, int64_t reach)
+void sj_follow_solve(const sj_follow *s, int64_t first, int64_t to, int64_t reach)
 {
     int64_t n = s->points - 1, low = first > reach ? first - reach : 1;
     if (s->velocity || n == 1) {
@@ -249,214 +214,6 @@ static void solve(const sj_follow *s, int64_t first, int64_t to, int64_t reach)
     }
     if (to == n) sweep_last(s);
     for (int64_t i = to == n ? n - 1 : to; i >= low; i--) back(s, i);
-}
-
-static double larger(double a, double b) { return a > b ? a : b; }
-
-/* Whether segment i keeps the limits times `room`. */
-static int fits(const sj_follow *s, int64_t i, double room)
-{
-    const double *row = row_of(s, i), *most = s->limits;
-    const double *V0 = column_of(s, i - 1, VEL), *A0 = column_of(s, i - 1, ACC);
-    for (int32_t k = 0; k < s->joints; k++, most += 3) {
-        double V = V0[k], A = A0[k], vmax = most[0] * room, amax = most[1] * room;
-        double jmax = most[2] * room;
-        if (!(fabs(V) <= vmax && fabs(A) <= amax)) return 0;
-        for (int p = 0; p < 3; p++) {
-            double m = row[M1 + p], J, A1;
-            if (m == 0.0) break;
-            J = column_of(s, i, J1 + p)[k];
-            A1 = A + m * J;
-            if (!(fabs(J) <= jmax && fabs(A1) <= amax)) return 0;
-            /* a zero of A is a peak of V */
-            if (A * A1 < 0.0 && !(fabs(V - A * A / (2.0 * J)) <= vmax)) return 0;
-            V += 0.5 * m * (A + A1);
-            A = A1;
-            if (!(fabs(V) <= vmax)) return 0;
-        }
-    }
-    return 1;
-}
-
-/* Largest use of the limits in segment i, as shares; or as what its time must be multiplied with. */
-static double used(const sj_follow *s, int64_t i, int as_time)
-{
-    const double *row = row_of(s, i);
-    double worst = 0.0;
-    for (int32_t k = 0; k < s->joints; k++) {
-        double vmax = s->limits[3 * k], amax = s->limits[3 * k + 1], jmax = s->limits[3 * k + 2];
-        double V = column_of(s, i - 1, VEL)[k], A = column_of(s, i - 1, ACC)[k];
-        double v = fabs(V), a = fabs(A), j = 0.0, u;
-        for (int p = 0; p < 3; p++) {
-            double m = row[M1 + p], J = column_of(s, i, J1 + p)[k], A1;
-            if (m == 0.0) break;
-            A1 = A + m * J;
-            if (A * A1 < 0.0) v = larger(v, fabs(V - A * A / (2.0 * J)));
-            V += 0.5 * m * (A + A1);
-            A = A1;
-            v = larger(v, fabs(V));
-            a = larger(a, fabs(A));
-            j = larger(j, fabs(J));
-        }
-        u = as_time ? larger(v / vmax, larger(sqrt(a / amax), cbrt(j / jmax)))
-                    : larger(v / vmax, larger(a / amax, j / jmax));
-        if (!isfinite(u)) return u;
-        worst = larger(worst, u);
-    }
-    return worst;
-}
-
-/* Whether segment i can have so many cycles with the others fixed; if not, nothing has changed. */
-static int try_cycles(const sj_follow *s, int64_t i, int64_t cycles)
-{
-    int64_t n = s->points - 1, from = i, reach = REACH;
-    int64_t low = i > REACH ? i - REACH - 1 : 0, high, size = sj_follow_row(s->joints);
-    int64_t before = s->cycles[i];
-    int good = 1;
-    if (s->velocity) { /* three-phase segments feel less of each other */
-        from = i > 2 ? i - 2 : 1;
-        low = from - 1;
-        reach = REACH / 2;
-    }
-    high = i + reach < n ? i + reach : n;
-    memcpy(s->spare, row_of(s, low), (size_t)((high - low + 1) * size) * sizeof(double));
-    s->cycles[i] = cycles;
-    if (!s->velocity && i + NEAR < n && n > 1) {
-        /* a first look: what a hundredth of the change leaves open is not decided here */
-        double room = 1.0 + 0.2 * (double)(before - cycles) / (double)before;
-        solve(s, i, i + NEAR, NEAR);
-        good = fits(s, i, room) && fits(s, i + 1, room) && (i == 1 || fits(s, i - 1, room));
-        if (good && high > i + NEAR) /* the far end as it was */
-            memcpy(column_of(s, high, ACC), s->spare + (high - low) * size + SHARED + ACC * s->joints,
-                   (size_t)s->joints * sizeof(double));
-        else if (!good) high = i + NEAR;
-    }
-    if (good) solve(s, from, high, REACH);
-    for (int64_t d = 0; good && (i - d > low || i + d <= high); d++) {
-        if (i + d <= high) good = fits(s, i + d, TIGHT);
-        if (good && d > 0 && i - d > low) good = fits(s, i - d, TIGHT);
-    }
-    if (!good) {
-        s->cycles[i] = before;
-        memcpy(row_of(s, low), s->spare, (size_t)((high - low + 1) * size) * sizeof(double));
-    }
-    return good;
-}
-
-/* Segments around i may have room again. */
-static void mark(const sj_follow *s, int64_t i, double value)
-{
-    int64_t low = i > REACH ? i - REACH : 1, high = i + REACH < s->points ? i + REACH : s->points - 1;
-    for (int64_t k = low; k <= high; k++) row_of(s, k)[MARK] = value;
-}
-
-/* Give back cycles of segment i while the limits are kept; whether any were. */
-static int trim(const sj_follow *s, int64_t i)
-{
-    int64_t least = sj_follow_least(s, i), step = s->cycles[i] - least;
-    if (step <= 0 || !try_cycles(s, i, s->cycles[i] - 1)) return 0; /* the most frequent end */
-    step = step > 8 ? 8 : step;
-    while (step > 0) {
-        if (step > s->cycles[i] - least) step = s->cycles[i] - least;
-        if (step > 0 && try_cycles(s, i, s->cycles[i] - step)) step *= 2;
-        else step /= 2;
-    }
-    return 1;
-}
-
-/* Stretch what exceeds its limits until nothing does; solves first. */
-static int32_t stretch(const sj_follow *s, double room)
-{
-    int64_t n = s->points - 1;
-    solve(s, 1, n, REACH);
-    for (int64_t i = 1; i <= n; i++) row_of(s, i)[MARK] = 1.0; /* to be looked at */
-    for (int32_t round = 0; round < ROUNDS; round++) {
-        int64_t longer = 0, first = 0, last = 0;
-        for (int64_t i = 1; i <= n; i++) {
-            double u, more;
-            int64_t g;
-            if (row_of(s, i)[MARK] != 1.0) continue;
-            row_of(s, i)[MARK] = 0.0;
-            if (fits(s, i, room)) continue;
-            u = used(s, i, 1);
-            if (!isfinite(u)) return SJ_FOLLOW_INVALID;
-            u = u > 1.5 ? 1.5 : u;
-            /* a segment much shorter than its neighbour sets the neighbour's velocity */
-            g = i;
-            if (i > 1 && s->shorter * s->cycles[i - 1] < s->cycles[g]) g = i - 1;
-            if (i < n && s->shorter * s->cycles[i + 1] < s->cycles[i] && s->cycles[i + 1] < s->cycles[g])
-                g = i + 1;
-            more = ceil((double)s->cycles[g] * (0.4 + 0.6 * u));
-            if (more > (double)SJ_CYCLES_MAX) return SJ_FOLLOW_TOO_LONG;
-            s->cycles[g] = (int64_t)more > s->cycles[g] ? (int64_t)more : s->cycles[g] + 1;
-            row_of(s, g)[MARK] = 2.0; /* changed */
-            longer++;
-        }
-        if (!longer) return SJ_FOLLOW_OK;
-        /* solve again around runs of changed segments */
-        for (int64_t i = 1; i <= n + 1; i++) {
-            int changed = i <= n && row_of(s, i)[MARK] == 2.0;
-            if (changed) {
-                if (!first) first = i;
-                last = i;
-            }
-            if (first && (i > n || i - last > 2 * REACH)) {
-                int64_t from = s->velocity && first > 2 ? first - 2 : s->velocity ? 1 : first;
-                int64_t to = last + REACH < n ? last + REACH : n;
-                int64_t low = first > REACH ? first - REACH : 1;
-                solve(s, from, to, REACH);
-                for (int64_t k = low; k <= to; k++) row_of(s, k)[MARK] = 1.0;
-                first = 0;
-            }
-        }
-    }
-    return SJ_FOLLOW_STUCK;
-}
-
-int32_t sj_follow_plan(const sj_follow *s)
-{
-    int64_t n = s->points - 1;
-    if (n < 1 || s->joints < 1) return SJ_FOLLOW_INVALID;
-    for (int64_t i = 1; i <= n; i++) {
-        int64_t least = sj_follow_least(s, i);
-        if (s->cycles[i] < least) s->cycles[i] = least;
-    }
-    for (int32_t again = 0; again < 4; again++) {
-        int32_t status = stretch(s, again ? WITHIN : TIGHT);
-        int change = 1, any = 0;
-        if (status != SJ_FOLLOW_OK) return status;
-        for (int64_t i = 1; i <= n; i++) row_of(s, i)[MARK] = 1.0; /* to be tried */
-        for (int32_t round = 0; change && round < PASSES; round++) {
-            change = 0;
-            for (int64_t i = 1; i <= n; i++) {
-                if (row_of(s, i)[MARK] != 1.0) continue;
-                row_of(s, i)[MARK] = 0.0;
-                if (!trim(s, i)) continue;
-                mark(s, i, 1.0);
-                change = any = 1;
-            }
-        }
-        if (!any) return SJ_FOLLOW_OK;
-    }
-    return stretch(s, WITHIN);
-}
-
-void sj_follow_shares(const sj_follow *s, double *share)
-{
-    solve(s, 1, s->points - 1, REACH);
-    share[0] = 0.0;
-    for (int64_t i = 1; i < s->points; i++) share[i] = used(s, i, 0);
-}
-
-/* Whether segment i could be a cycle shorter with the others fixed; nothing changes. */
-int32_t sj_follow_could_lose(const sj_follow *s, int64_t i)
-{
-    int64_t before = s->cycles[i];
-    if (before <= sj_follow_least(s, i)) return 0;
-    if (!try_cycles(s, i, before - 1)) return 0;
-    s->cycles[i] = before;
-    solve(s, 1, s->points - 1, REACH);
-    return 1;
 }
 
 /* ---- results --------------------------------------------------------------------------------- */

@@ -34,6 +34,7 @@
 #include <stdint.h>                     /* fixed widths, for both readers of the contract */
 #include <string.h>                     /* memcpy, memset on private memory */
 #include "_kernel.h"                    /* the contract */
+#include "_wide.h"                      /* fetching ahead */
 
 typedef _Atomic uint64_t word;          /* shared memory is touched in whole words only */
 
@@ -408,6 +409,23 @@ int32_t sj_shm_host_state(const void *base, uint64_t now_ns)
     if (note == epoch << 1) return SJ_HOST_DEAD;
     if (timeout_ns != 0 && now_ns > beat_ns && now_ns - beat_ns > timeout_ns) return SJ_HOST_SILENT;
     return SJ_HOST_ALIVE;
+}
+
+/* ---- before a cycle -------------------------------------------------------------------------- */
+
+/* The words that every cycle looks at, and the slot that the next frame goes to. */
+void sj_shm_warm(const void *base)
+{
+    const header_page *page = header(base);
+    const host_page *h = host_of(base);
+    const kernel_page *k = kernel_of(base);
+    const uint64_t index = (load(&k->feedback) + 1) % SJ_SHM_FEEDBACK_SLOTS;
+    fetch(page, sizeof *page);
+    fetch(h, sizeof *h);
+    fetch(k, sizeof *k);
+    fetch((const uint8_t *)base + SJ_SHM_COMMAND, sizeof(command_page));
+    fetch(slot_of(base, page->feedback, page->config.feedback_bytes, index),
+          sizeof(stamp) + page->config.feedback_bytes);
 }
 
 /* ---- command: three slots, one word ---------------------------------------------------------- */

@@ -194,6 +194,9 @@ uint64_t sj_shm_kernel_beat(const void *base);
 void sj_shm_note_host(void *base, uint64_t host_epoch, int32_t lock_held); /* kernel side, outside the cycle */
 int32_t sj_shm_host_state(const void *base, uint64_t now_ns);  /* in the cycle: enum sj_shm_host_state */
 
+/* Kernel side, just before a cycle: what its exchanges touch, into the caches. */
+void sj_shm_warm(const void *base);
+
 /* Command: host to kernel, latest value. Publish: 0 or < 0. Collect: 1 fresh, 0 none, < 0 corrupt
  * (what `command` points to is then undefined). Neither waits; collect is wait-free. */
 int32_t sj_command_publish(void *base, const void *command);
@@ -625,7 +628,7 @@ int32_t sj_master_homing(const sj_drive_tx *tx);                /* mode 6: 1 att
 
 void sj_verdict_clear(sj_drive_verdict *verdict);
 
-/* ---- peers: following (_follow.c) ------------------------------------------------------------ */
+/* ---- peers: following (_follow.c: the spline, _stretch.c: its times) --------------------------- */
 
 /* A window of way-points, followed by the samples. All memory is the caller's: `rows` of
  * points * sj_follow_row(joints) doubles, `spare` of sj_follow_spare(joints). Cycle units. */
@@ -1386,6 +1389,9 @@ void     sj_kernel_cycles(sj_kernel *kernel, int64_t cycles); /* in a caller's o
 void     sj_kernel_step(sj_kernel *kernel);                   /* the same, one */
 /* Between cycles: a plan that nothing uses, so that the planner is in the caches when it is needed. */
 void     sj_goal_rehearse(sj_kernel *kernel);
+/* Before a cycle, while there is time: it runs on a copy, so that code and data are in the caches. The
+ * copy: of as many axes, with a segment of its own. */
+void     sj_kernel_rehearse(const sj_kernel *kernel, sj_kernel *copy);
 int32_t  sj_kernel_at_rest(const sj_kernel *kernel);    /* nothing moves, no drive is enabled */
 
 /* ---- wiring: trace (_trace.c) and virtual time (_virtual.c) ---------------------------------- */
@@ -1419,7 +1425,9 @@ void     sj_ideal_cycle(sj_drive *drive, const sj_drive_rx *rx, sj_drive_tx *tx)
 /* Ask the system for what `options` says, for the calling thread; `report` tells what it gave. */
 void     sj_clock_prepare(const sj_kernel *kernel, uint64_t bytes, const sj_clock_options *options,
                           sj_clock_report *report);
-void     sj_clock_run(sj_kernel *kernel, const sj_clock_options *options, int32_t *end);
+/* copy: for rehearsals, or NULL for none. */
+void     sj_clock_run(sj_kernel *kernel, sj_kernel *copy, const sj_clock_options *options,
+                      int32_t *end);
 /* Longest busy wait of one cycle that keeps this share of the processor, computing included. */
 uint64_t sj_clock_spin_ns(const sj_clock_options *options, double share, uint64_t computing_ns);
 void     sj_clock_end(int32_t *end);

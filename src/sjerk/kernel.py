@@ -446,6 +446,13 @@ def _build(axes: Sequence[Axis], cycle_time: float, reactions: Reactions, base: 
     return kernel
 
 
+def _copy(axes: int, cycle_time: float, *, clocked: bool = True) -> tuple[Any, Segment]:
+    """A ``sj_kernel *`` for ``sj_kernel_rehearse``, and the segment it keeps to."""
+    copy, segment = ffi.new("sj_kernel *"), Segment.private(layout(axes, clocked=clocked))
+    lib.sj_kernel_init(copy, segment.base, axes, cycle_time)
+    return copy, segment
+
+
 # ---- in the kernel's process ---------------------------------------------------------------------
 
 
@@ -477,11 +484,12 @@ def serve() -> None:
         kernel.trace = told.base
         end = ffi.new("int32_t *")
         options = clock.to_c(cycle_time)
+        copy, _memory = _copy(len(axes), cycle_time) if options.spin_ns else (ffi.NULL, None)
 
         def run() -> None:
             report = ffi.addressof(kernel.feedback, "clock")
             lib.sj_clock_prepare(kernel, layout(len(axes)).size, options, report)
-            lib.sj_clock_run(kernel, options, end)
+            lib.sj_clock_run(kernel, copy, options, end)
 
         cycle = threading.Thread(target=run)
         with HostWatch(segment, period_s=0.01):
