@@ -27,7 +27,7 @@ LEAVE = (
 
 def sjerk(*arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, "-m", "sjerk", *arguments], capture_output=True, text=True, timeout=60
+        [sys.executable, "-m", "sjerk", *arguments], capture_output=True, text=True, timeout=600
     )
 
 
@@ -161,7 +161,7 @@ def test_a_person_runs_a_kernel_by_commands(tmp_path: Path) -> None:
         assert judged == "not installed" or judged["count"] > 100
         assert say("disable")[0] == 0
         kernel.terminate()
-        assert kernel.wait(timeout=60.0) == 0
+        assert kernel.wait(timeout=600.0) == 0
     assert sjerk("status", "--name", name).returncode == 6
     assert not [entry for entry in Path("/dev/shm").iterdir() if name in entry.name]
 
@@ -180,7 +180,7 @@ def test_a_kernel_with_drives_outside_is_refused_in_a_line(tmp_path: Path) -> No
 def test_a_kernel_process_without_its_order_ends_quietly(order: bytes) -> None:
     """Whoever started it was ended before, or while, it said what to run."""
     program = [sys.executable, "-c", "from sjerk.kernel import serve; serve()"]
-    done = subprocess.run(program, input=order, capture_output=True, timeout=60)
+    done = subprocess.run(program, input=order, capture_output=True, timeout=600)
     assert (done.returncode, done.stdout, done.stderr) == (0, b"", b"")
 
 
@@ -245,6 +245,45 @@ def test_who_is_host_already_is_named_with_what_halts_it() -> None:
         done = sjerk("stop", "--name", kernel.name)
         assert done.returncode == 1
         assert f"process {os.getpid()}: Ctrl-C there, or `kill -INT {os.getpid()}`" in done.stderr
+
+
+LEAD = """
+import sys, time
+from sjerk import Host
+with Host.attach(sys.argv[1]) as host:
+    host.enable()
+    host.jog(20.0).accepted()
+    print("leads", flush=True)
+    while True:
+        time.sleep(1.0)
+"""
+
+
+@pytest.mark.parametrize("quick", [(), ("--quick",)])
+def test_a_stop_with_interrupt_ends_the_program_that_leads_and_stops_what_it_moved(
+    quick: tuple[str, ...],
+) -> None:
+    """From another terminal: the host leaves, then this one stops the axes; without it, refused."""
+    axis = Axis(Limits(90.0, 500.0, 5000.0), 2**24 / 360.0, unit="deg")
+    with MotionKernel([axis], 1e-3) as kernel:
+        leader = subprocess.Popen(
+            [sys.executable, "-c", LEAD, kernel.name],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        assert leader.stdout is not None
+        assert leader.stdout.readline() == "leads\n"
+        refused = sjerk("stop", "--name", kernel.name)
+        assert refused.returncode == 1
+        assert "`sjerk stop --interrupt`" in refused.stderr
+        done = sjerk("stop", "--interrupt", "--json", *quick, "--name", kernel.name)
+        assert done.returncode == 0, done.stderr
+        assert "KeyboardInterrupt" in leader.communicate(timeout=600)[1]
+        again = sjerk("stop", "--interrupt", "--name", kernel.name)  # nobody leads
+        assert again.returncode == 0, again.stderr
+        with kernel.host() as host:
+            assert host.feedback().axes[0].velocity == 0.0
 
 
 def test_the_live_table_needs_no_host(tmp_path: Path) -> None:

@@ -376,11 +376,11 @@ HOST = textwrap.dedent(
 
 def test_a_dying_host_disturbs_nothing_but_the_motion_it_wanted_to_be_stopped() -> None:
     """Kill -9 of a host in its own process: every cycle of the path stays within its limits to a
-    rest, and the next host goes on.
+    rest, and the next host goes on. The goals are a minute away, so that none is reached first.
     """
     with MotionKernel([AXIS], T) as kernel:
         monitor = Trace.attach(kernel.name)
-        for goal in (60.0, -60.0, 60.0):
+        for goal in (6000.0, -6000.0, 6000.0):
             child = subprocess.Popen(
                 [sys.executable, "-c", HOST, kernel.name, str(goal)], stdout=subprocess.PIPE
             )
@@ -403,11 +403,11 @@ def test_a_dying_host_disturbs_nothing_but_the_motion_it_wanted_to_be_stopped() 
                 child.wait()
             assert len(seen) > 50
             third = np.abs(np.diff(np.array(seen), 3))
-            assert np.max(third) <= 5000.0 * T**3 * (1 + 1e-9) + 8 * np.spacing(60.0)
+            assert np.max(third) <= 5000.0 * T**3 * (1 + 1e-9) + 8 * np.spacing(np.abs(seen).max())
             assert seen[-1] != goal
         monitor.close()
         with kernel.host() as host:
-            host.move(0.0).wait(timeout=30.0)
+            host.move(0.0).wait(timeout=300.0)
 
 
 def test_a_spoilt_command_word_stops_the_motion_and_is_counted() -> None:

@@ -214,3 +214,45 @@ def test_whatever_comes_in_a_chain_it_keeps_its_limits_and_answers_every_move(
     quick = any(what.startswith("quick") for _, what, _ in events)
     stay_within(run, axes, quick=quick)
     answered(run)
+
+
+@settings(max_examples=2 * SOME)
+@given(
+    st.floats(40.0, 90.0),
+    st.integers(60, 400),
+    st.tuples(st.floats(0.2, 1.0), st.floats(0.05, 1.0), st.floats(0.02, 0.5)),
+    st.integers(0, 4),
+    st.sampled_from(["hold", "slower", "halt", "goal", "queue"]),
+)
+def test_limits_lowered_in_a_chain_never_carry_it_beyond_those_it_began_under(
+    velocity: float, at: int, lower: tuple[float, float, float], after: int, what: str
+) -> None:
+    """What is planned next under lower limits, in mid-acceleration, ends within the limits of the
+    motion so far: their jerk is at hand as long as the axis moves.
+    """
+    own = slower(velocity)
+    watch = Watch(*stepped(1, replace(own, position=RANGE)))
+    host = watch.host
+    chain = [Queued({0: 30.0}, own, "buffered"), Queued({0: 20.0}, own, "blend next")]
+    moves = [give(host, one) for one in chain]
+    watch.step(at)
+    low = Limits(*(np.array(lower) * [velocity, own.braking[0], own.braking[1]]), position=RANGE)
+    host.set_limits(low)
+    watch.step(after)
+    match what:
+        case "hold":
+            host.hold()
+        case "slower":
+            host.override(0.3)
+        case "halt":
+            host.halt()
+        case "goal":
+            moves.append(host.move(-40.0, limits=low))
+        case "queue":
+            moves.append(host.move(1.0, relative=True, limits=low, buffer="blend low"))
+    watch.step(700)
+    host.resume()
+    host.override(1.0)
+    run = watch.run(moves)
+    stay_within(run, 1, quick=False)
+    assert np.max(np.abs(run.velocity)) <= velocity * T * (1 + 1e-9)

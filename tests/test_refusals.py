@@ -32,6 +32,7 @@ from sjerk import (
     plan_velocity,
     scurve,
 )
+from sjerk.errors import SegmentTakenError
 
 T = 1e-3
 L = Limits(90.0, 500.0, 5000.0)
@@ -275,3 +276,25 @@ def test_the_command_line_tells_in_one_line(arguments: list[str], tmp_path: Path
     assert run.stderr.count("\n") == 1, run.stderr
     assert run.stderr.startswith("sjerk: ")
     assert "moving" not in run.stderr
+
+
+@pytest.mark.parametrize("call", ["enable", "reset", "resume", "override", "set_limits"])
+def test_what_cannot_be_waited_for_is_refused_before_it_is_sent(call: str) -> None:
+    """A timeout that is no number; the kernel has seen nothing of it."""
+    with MotionKernel([AXIS], T) as kernel, kernel.host() as host:
+        before = host._frame().sequence
+        arguments = {"override": [0.5], "set_limits": [AXIS.limits]}.get(call, [])
+        with pytest.raises(InputError, match="timeout"):
+            getattr(host, call)(*arguments, timeout=float("nan"))
+        host.hold()
+        assert host._frame().sequence == before + 1
+
+
+def test_a_name_that_is_taken_is_told_as_it_was_given() -> None:
+    """Two kernels of one name: not the segment of a trace beside it."""
+    with MotionKernel([AXIS], T) as kernel:
+        second = MotionKernel([AXIS], T, name=kernel.name)
+        with pytest.raises(SegmentTakenError) as told:
+            second.__enter__()
+        assert f"{kernel.name!r}" in str(told.value)
+        assert ".trace" not in str(told.value)

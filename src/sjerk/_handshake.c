@@ -146,14 +146,15 @@ static void copy_in(word *to, const void *from, uint32_t bytes)
     uint32_t i = 0;
     for (; i + 8 <= whole; i += 8) {
         const uint8_t *at = source + 8 * (size_t)i;
-        store(&to[i], bytes_to_word(at, 8));
-        store(&to[i + 1], bytes_to_word(at + 8, 8));
-        store(&to[i + 2], bytes_to_word(at + 16, 8));
-        store(&to[i + 3], bytes_to_word(at + 24, 8));
-        store(&to[i + 4], bytes_to_word(at + 32, 8));
-        store(&to[i + 5], bytes_to_word(at + 40, 8));
-        store(&to[i + 6], bytes_to_word(at + 48, 8));
-        store(&to[i + 7], bytes_to_word(at + 56, 8));
+        word *eight = to + i;
+        store(&eight[0], bytes_to_word(at, 8));
+        store(&eight[1], bytes_to_word(at + 8, 8));
+        store(&eight[2], bytes_to_word(at + 16, 8));
+        store(&eight[3], bytes_to_word(at + 24, 8));
+        store(&eight[4], bytes_to_word(at + 32, 8));
+        store(&eight[5], bytes_to_word(at + 40, 8));
+        store(&eight[6], bytes_to_word(at + 48, 8));
+        store(&eight[7], bytes_to_word(at + 56, 8));
     }
     for (; i < whole; i++) store(&to[i], bytes_to_word(source + 8 * (size_t)i, 8));
     if (bytes % 8 != 0) store(&to[whole], bytes_to_word(source + 8 * (size_t)whole, bytes % 8));

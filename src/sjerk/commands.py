@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import signal
 import time
 from collections.abc import Callable
@@ -75,6 +76,11 @@ def add_arguments(jobs: Any) -> None:
     job = add("stop", _stop, "halt, or quick stop; returns at rest")
     job.add_argument("axes", nargs="*", type=int, help="default: all")
     job.add_argument("--quick", action="store_true", help="each axis by its own stop limits")
+    job.add_argument(
+        "--interrupt",
+        action="store_true",
+        help="where another process leads: Ctrl-C for that one first, then the stop",
+    )
     add("status", _status, "what the axes do")
     job = add("monitor", _monitor, "a live table (extra: rich)")
     job.add_argument("--seconds", type=duration_or_inf, default=float("inf"))
@@ -135,7 +141,10 @@ def host_of(options: argparse.Namespace) -> Host:
         return Host.attach(name_of(options), wait=_PATIENCE)
     except HostTakenError as taken:
         pid = taken.pid
-        what = f"{taken}: Ctrl-C there, or `kill -INT {pid}`, halts what a command of sjerk moves"
+        what = (
+            f"{taken}: Ctrl-C there, or `kill -INT {pid}`, halts what a command of sjerk moves; "
+            "`sjerk stop --interrupt` does that"
+        )
         raise HostTakenError(what, name=taken.name, pid=pid) from None
 
 
@@ -178,7 +187,18 @@ def _jog(options: argparse.Namespace) -> int:
         return _positions(options, host)
 
 
+def _interrupt(name: str) -> None:
+    """Ctrl-C for the process that is host, if there is one; it may take its time to leave."""
+    try:
+        Host.attach(name).close()
+    except HostTakenError as taken:
+        if taken.pid:
+            os.kill(taken.pid, signal.SIGINT)
+
+
 def _stop(options: argparse.Namespace) -> int:
+    if options.interrupt:
+        _interrupt(name_of(options))
     with host_of(options) as host:
         (host.quick_stop if options.quick else host.halt)(axes=options.axes or None)
         return _positions(options, host)

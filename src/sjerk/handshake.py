@@ -394,7 +394,8 @@ def _make_room(name: str, replace_stale: bool) -> None:
     try:
         if not _lock(fd, fcntl.F_WRLCK, _PRESENT):
             raise errors.SegmentTakenError(
-                f"segment {name!r} is in use: a kernel of this name is running", name=name
+                f"segment {name.removesuffix(TRACE)!r} is in use: a kernel of this name is running",
+                name=name,
             )
         if not _same_file(fd, path):
             return

@@ -35,6 +35,12 @@ BUFFERS: dict[str, int] = {
 }
 
 
+def _patience(timeout: float | None) -> None:
+    """What cannot be waited for is refused before anything is sent; but a stop is always sent."""
+    if timeout is not None:
+        real("timeout", timeout)
+
+
 class Host(Commander):
     """The one host of a kernel: context manager, made by ``MotionKernel.host``.
 
@@ -59,6 +65,7 @@ class Host(Commander):
 
     def enable(self, timeout: float | None = 5.0, *, axes: Axes = None) -> None:
         """Enable drives; returns when every one follows (at once in a caller's own loop)."""
+        _patience(timeout)
         chosen = self._enable(axes, 1)
         if self._cyclic:
             self._wait_until(
@@ -92,6 +99,7 @@ class Host(Commander):
 
         A look-ahead ring that a wild writer has spoilt is emptied.
         """
+        _patience(timeout)
         frame = self._read()
         if frame is not None and frame.ring_spoilt:
             lib.sj_ring_flush(self._segment.base)
@@ -143,17 +151,20 @@ class Host(Commander):
         """
         if not 0.0 <= real("factor", factor) <= 2.0:
             raise InputError("factor", factor, "must lie in 0 .. 2")
+        _patience(timeout)
         self._level("override", factor, timeout)
 
     def hold(self, timeout: float | None = 5.0) -> None:
         """Come to rest on the way to the goals and keep them; ``resume`` goes on.
 
-        One axis, and axes in phase (``synchronization="phase"``), stay on their path.
+        Axes that are synchronised stay on the way that was planned, together; where one brakes at
+        its limit already, that may be at the goal. A stop is ``halt`` or ``quick_stop``, not this.
         """
         self._level("hold", 1, timeout)
 
     def resume(self, timeout: float | None = 5.0) -> None:
         """Go on to the goals after ``hold``."""
+        _patience(timeout)
         self._level("hold", 0, timeout)
 
     def _level(self, name: str, value: float, timeout: float | None) -> None:
@@ -168,6 +179,7 @@ class Host(Commander):
 
         Position limits stay those of the kernel. Raises RefusedError where the drive is slower.
         """
+        _patience(timeout)
         chosen = self._chosen(axes)
         with self._lock:
             for i in chosen:
