@@ -160,6 +160,9 @@ def test_a_person_runs_a_kernel_by_commands(tmp_path: Path) -> None:
         judged = after["cyclictest_us"]
         assert judged == "not installed" or judged["count"] > 100
         assert say("disable")[0] == 0
+        waits = sjerk("move", "1", "2", "--buffer", "buffered", "--name", name)
+        assert waits.returncode == 3
+        assert "refused by axis 0: the drive does not follow" in waits.stderr
         kernel.terminate()
         assert kernel.wait(timeout=600.0) == 0
     assert sjerk("status", "--name", name).returncode == 6

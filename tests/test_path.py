@@ -274,6 +274,29 @@ def test_a_source_that_fails_stops_the_path_and_is_raised() -> None:
         assert not host.feedback().moving
 
 
+def test_a_refused_path_names_the_axis() -> None:
+    """Disabled, or elsewhere than where the path begins."""
+    limits = [Limits(2.0, 20.0, 500.0)] * 2
+    ways = Trajectory(["a", "b"], 0.1 * np.arange(60), _wave(60, 2, 0.1))
+    bench = Bench(ways.position[0].tolist(), limits)
+    bench.host.disable(axes=1)
+    bench.kernel.step(2000)
+    path = bench.play(follow(ways, limits, T))
+    bench.run(path)
+    with pytest.raises(RefusedError, match="refused by axis 1: the drive does not follow"):
+        path._raise()
+    bench.host.enable()
+    bench.kernel.step(2000)
+    bench.host.move({1: 0.5})
+    bench.kernel.step(5000)
+    path = bench.play(follow(ways, limits, T))
+    bench.run(path)
+    with pytest.raises(RefusedError, match="refused by axis 1: the path does not begin where"):
+        path._raise()
+    told = [e.axis for e in bench.host.events()[0] if e.kind is EventKind.GOAL]
+    assert told[-1] == 1
+
+
 @pytest.mark.parametrize("cycle", [200, 1500, 3000])
 def test_a_quick_stop_leaves_the_path_within_the_limits(cycle: int) -> None:
     """Each axis by its own limits, from the commanded state: no step in jerk beyond them."""

@@ -36,9 +36,11 @@ from sjerk import (
     Move,
     MoveState,
     QueueFullError,
+    RefusedError,
     State,
 )
 from sjerk._binding import ffi, lib
+from sjerk.host import Buffer
 from sjerk.monitor import Monitor
 
 # ---- one by one ----------------------------------------------------------------------------------
@@ -155,6 +157,29 @@ def test_a_refused_move_does_not_stop_the_others() -> None:
     assert [move.state for move in moves] == [done, MoveState.REFUSED, done]
     assert run.position[-1, 0] == pytest.approx(30.0)
     stay_within(run, 1, quick=False)
+
+
+@pytest.mark.parametrize("mode", ["buffered", "blend low"])
+def test_a_refusal_names_its_axis(mode: Buffer) -> None:
+    """At once, where the drive is disabled; and in its turn, where only the way to it tells."""
+    kernel, host = stepped(2, replace(OWN, position=RANGE))
+    host.disable(axes=1)
+    kernel.step(2000)
+    disabled = host.move([2.0, 2.0], buffer=mode)
+    kernel.step(2)
+    with pytest.raises(RefusedError, match="refused by axis 1: the drive does not follow") as told:
+        disabled._raise()
+    assert told.value.axis == 1
+    host.enable()
+    kernel.step(2000)
+    first = host.move([20.0, 50.0])
+    kernel.step(20)
+    beyond = host.move([1.0, 50.0], relative=True, buffer=mode)
+    kernel.step(6000)
+    assert first.done
+    with pytest.raises(RefusedError, match="refused by axis 1: it would leave the position limits"):
+        beyond._raise()
+    assert [e.axis for e in host.events()[0] if e.goal_id == beyond._goal_id] == [1]
 
 
 def test_forged_records_are_refused() -> None:

@@ -146,6 +146,7 @@ static int32_t take(sj_kernel *kernel)
     held->passing = 0;
     held->share = 1.0;
     held->spent = 0;
+    held->refused = -1;
     result = held->record.kind == SJ_RECORD_MOVE ? sj_queue_judge(kernel, held)
                                                  : SJ_RESULT_ACCEPTED;
     order = dropped(ahead, held);
@@ -158,7 +159,7 @@ static int32_t take(sj_kernel *kernel)
     else if (held->axes == 0)
         answer(kernel, held, -1, SJ_RESULT_KIND);
     else if (result != SJ_RESULT_ACCEPTED)
-        answer(kernel, held, -1, result);
+        answer(kernel, held, held->refused, result);
     else
         ahead->count++;
     return 1;
@@ -205,7 +206,7 @@ void sj_ahead_take(sj_kernel *kernel)
             i++;
             continue;
         }
-        answer(kernel, held, -1, said < 0 ? -said : SJ_RESULT_ACCEPTED);
+        answer(kernel, held, held->refused, said < 0 ? -said : SJ_RESULT_ACCEPTED);
         if (held->record.kind == SJ_RECORD_MOVE)
             waiting |= held->axes; /* planned enough for one cycle */
         forget(ahead, i);

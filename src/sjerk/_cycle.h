@@ -111,7 +111,7 @@ void sj_ahead_drop(sj_kernel *kernel, uint64_t axes, uint64_t first, uint64_t la
 void sj_ahead_stop(sj_kernel *kernel, uint64_t axes);   /* all that were given before this stop */
 
 /* The path in play leads its axes: positions from the track instead of the interpolator. */
-int32_t sj_path_offer(sj_kernel *kernel, const sj_held *held);
+int32_t sj_path_offer(sj_kernel *kernel, sj_held *held);
 void sj_path_step(sj_kernel *kernel);
 /* Of these axes the ones it leads: it comes to rest on the path, and is forgotten. */
 uint64_t sj_path_halt(sj_kernel *kernel, uint64_t axes);
@@ -130,11 +130,12 @@ void sj_paced_step(sj_kernel *kernel);
 void sj_paced_hand_over(sj_kernel *kernel, uint64_t axes);
 void sj_paced_release(sj_kernel *kernel, uint64_t axes);
 
-/* What a room says to a record: wait, begun, or refused with -(enum sj_result). */
+/* What a room says to a record: wait, begun, or refused with -(enum sj_result); then held->refused is
+ * the axis that it is about, or -1. */
 enum { OFFER_WAIT = 0, OFFER_TAKEN = 1 };
 
-/* enum sj_result: whether a move that has just come can ever be begun. */
-int32_t sj_queue_judge(const sj_kernel *kernel, const sj_held *held);
+/* enum sj_result: whether a move that has just come can ever be begun; held->refused as above. */
+int32_t sj_queue_judge(const sj_kernel *kernel, sj_held *held);
 /* It is its turn: begun if its axes are free; else the move before may be told to pass its goal. */
 int32_t sj_queue_offer(sj_kernel *kernel, sj_held *held);
 /* The moves of these axes are not to pass their goal but to rest on it. 0: too late, they pass. */

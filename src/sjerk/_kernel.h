@@ -1294,7 +1294,7 @@ typedef struct {
     uint64_t passing;                   /* axes of the move before that pass their goal for it */
     double share;                       /* of the velocity to pass with; what is tried next */
     int32_t spent;                      /* has its answer; begun only to come to rest */
-    int32_t reserved;
+    int32_t refused;                    /* the axis that a refusal is about, or -1 */
 } sj_held;
 
 /* Records first .. last of these axes are not begun. */

@@ -52,7 +52,7 @@ static sj_track_limits limits_of(const sj_axis *ax)
 }
 
 /* A path opens: its axes are at rest on its first way-point. */
-static int32_t open(sj_kernel *kernel, const sj_held *held)
+static int32_t open(sj_kernel *kernel, sj_held *held)
 {
     sj_path *path = &kernel->path;
     double position[SJ_AXES];
@@ -70,8 +70,10 @@ static int32_t open(sj_kernel *kernel, const sj_held *held)
     for (int32_t i = 0; i < kernel->axes; i++)
         if (held->axes & bit(i)) {
             int32_t result = judge(kernel, &held->record, i);
-            if (result != SJ_RESULT_ACCEPTED)
+            if (result != SJ_RESULT_ACCEPTED) {
+                held->refused = i;
                 return -result;
+            }
         }
     path->goal_id = path->root = path->newest;
     path->led = held->axes;
@@ -148,7 +150,7 @@ static int32_t add(sj_kernel *kernel, const sj_record *record)
     return -result_of[status];
 }
 
-int32_t sj_path_offer(sj_kernel *kernel, const sj_held *held)
+int32_t sj_path_offer(sj_kernel *kernel, sj_held *held)
 {
     if (held->record.kind == SJ_RECORD_SEGMENT)
         return add(kernel, &held->record);

@@ -12,7 +12,7 @@
 
 /* ---- judging and beginning ---- */
 
-int32_t sj_queue_judge(const sj_kernel *kernel, const sj_held *held)
+int32_t sj_queue_judge(const sj_kernel *kernel, sj_held *held)
 {
     const sj_record *record = &held->record;
     if (record->mode < SJ_BUFFER_BUFFERED || record->mode > SJ_BUFFER_HIGH ||
@@ -24,6 +24,7 @@ int32_t sj_queue_judge(const sj_kernel *kernel, const sj_held *held)
         int32_t result;
         if (goal->kind == SJ_GOAL_NONE)
             continue;
+        held->refused = i;
         if (goal->kind != SJ_GOAL_ABSOLUTE && goal->kind != SJ_GOAL_RELATIVE)
             return SJ_RESULT_KIND;
         if (ax->state == SJ_AXIS_STOPPING || ax->state == SJ_AXIS_ERROR_STOP)
@@ -34,6 +35,7 @@ int32_t sj_queue_judge(const sj_kernel *kernel, const sj_held *held)
         if (result != SJ_RESULT_ACCEPTED)
             return result;
     }
+    held->refused = -1;
     return SJ_RESULT_ACCEPTED;
 }
 
@@ -108,6 +110,7 @@ static int32_t begin(sj_kernel *kernel, sj_held *held)
         result = sj_goal_begin(kernel, &set);
     if (result == SJ_RESULT_ACCEPTED)
         return OFFER_TAKEN;
+    held->refused = set.refused;
     come_to_rest(kernel, held->passing);
     return -result;
 }
@@ -172,12 +175,14 @@ static int32_t find(const sj_kernel *kernel, const sj_held *held, passage *p)
 }
 
 /* Distances are known now: -(enum sj_result) where a goal cannot be. */
-static int32_t still_possible(const sj_kernel *kernel, const passage *p)
+static int32_t still_possible(const sj_kernel *kernel, sj_held *held, const passage *p)
 {
     for (int32_t k = 0; k < p->m; k++) {
         int32_t result = sj_goal_possible(&kernel->axis[p->next[k]], &p->goal[k]);
-        if (result != SJ_RESULT_ACCEPTED)
+        if (result != SJ_RESULT_ACCEPTED) {
+            held->refused = p->next[k];
             return -result;
+        }
     }
     return OFFER_WAIT;
 }
@@ -195,7 +200,7 @@ static int32_t pass(sj_kernel *kernel, sj_held *held)
         held->share = 0.0;
         return OFFER_WAIT;
     }
-    possible = still_possible(kernel, &p);
+    possible = still_possible(kernel, held, &p);
     if (possible < 0)
         return possible;
     if (!sj_passage_choose(kernel, held->record.mode, held->record.synchronization, &p)) {
