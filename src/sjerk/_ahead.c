@@ -36,9 +36,11 @@ static void answer(sj_kernel *kernel, const sj_held *held, int32_t axis, int32_t
             sj_cycle_answer(kernel, held->record.goal_id, axis, result);
 }
 
-/* A segment's path has the answer. */
+/* A segment's path has the answer; what comes of it later is of a path that is over. */
 static void drop(sj_kernel *kernel, const sj_held *held, int32_t result)
 {
+    if (held->record.kind == SJ_RECORD_PATH && kernel->path.newest < held->record.goal_id)
+        kernel->path.newest = held->record.goal_id;
     if (held->record.kind != SJ_RECORD_SEGMENT && !held->spent)
         sj_cycle_answer(kernel, held->record.goal_id, -1, result);
 }

@@ -66,7 +66,8 @@ static int32_t open(sj_kernel *kernel, sj_held *held)
         }
     if (path->led != 0)
         return OFFER_WAIT;
-    path->newest = held->record.goal_id;
+    if (path->newest < held->record.goal_id)
+        path->newest = held->record.goal_id;
     for (int32_t i = 0; i < kernel->axes; i++)
         if (held->axes & bit(i)) {
             int32_t result = judge(kernel, &held->record, i);
@@ -75,7 +76,7 @@ static int32_t open(sj_kernel *kernel, sj_held *held)
                 return -result;
             }
         }
-    path->goal_id = path->root = path->newest;
+    path->goal_id = path->root = held->record.goal_id;
     path->led = held->axes;
     path->cancelled = path->count = 0;
     for (int32_t i = 0; i < kernel->axes; i++) {

@@ -11,6 +11,7 @@ import threading
 import time
 from collections.abc import Iterable, Sequence
 from typing import Any, Self
+from weakref import WeakSet
 
 from sjerk._binding import ffi, lib
 from sjerk.errors import HostTakenError, InputError, RefusedError, SjerkError, positive
@@ -38,6 +39,23 @@ _RESULTS = 4096
 _HOST_SHIFT = 40
 
 
+class Unsent:
+    """A goal of which the kernel has nothing yet, and what came for its axes meanwhile.
+
+    Only the host can answer it: ``result`` is that, or None while it may still be sent.
+    """
+
+    def __init__(self, axes: Iterable[int]) -> None:
+        self.axes = frozenset(axes)
+        self.result: int | None = None
+        self.goals: set[int] = set()  # direct ones, not known yet to be accepted
+
+    @property
+    def free(self) -> bool:
+        """Whether it may be sent."""
+        return self.result is None and not self.goals
+
+
 class Commander(Reader):
     """What a host and the handles of its motions have in common: they command."""
 
@@ -52,6 +70,8 @@ class Commander(Reader):
         self._flushed = 0
         self._cancelled = 0  # number of the command that cancelled last
         self._path_states: dict[int, int] = {}
+        self._unsent: WeakSet[Unsent] = WeakSet()
+        self._fed: WeakSet[Any] = WeakSet()  # handles with threads that use the memory
         self._lock = threading.Lock()  # cffi lets other threads run: two would write as one
         self._T = 0.0
         self._goals = 0  # the newest goal id given
@@ -112,6 +132,9 @@ class Commander(Reader):
     def close(self) -> None:
         """Leave the kernel to itself; a motion goes on to its end."""
         self._closed = True
+        for handle in list(self._fed):
+            with handle._feeding:  # its thread looks again before it uses the memory
+                pass
         if self._cyclic and not self._segment.closed:
             lib.sj_shm_leave_host(self._segment.base)
             self._segment.close()
@@ -197,6 +220,40 @@ class Commander(Reader):
             return 0
         return int(lib.sj_ring_published(base))
 
+    def _stopping(self, axes: Iterable[int]) -> None:
+        """The command is to stop all that was given for these axes; under the lock."""
+        self._command.stop_records = lib.sj_ring_published(self._segment.base)
+        for goal in self._unsent:
+            if goal.result is None and not goal.axes.isdisjoint(axes):
+                goal.result = lib.SJ_RESULT_STOPPED
+
+    def _replacing(self, goal_id: int, axes: Iterable[int]) -> None:
+        """The command has a goal that replaces, if it is accepted; under the lock."""
+        self._command.goal_records = lib.sj_ring_published(self._segment.base)
+        for goal in self._unsent:
+            if not goal.axes.isdisjoint(axes):
+                goal.goals.add(goal_id)
+
+    def _never_sent(self, goal: Unsent, frame: Any) -> int | None:
+        """Why a goal that has not been sent will not be; None: it may still be."""
+        with self._lock:
+            newer = sorted(goal.goals)
+        for goal_id in newer:
+            result = self._result(goal_id, frame)
+            if result is not None and result[0] == lib.SJ_RESULT_ACCEPTED:
+                self._end(goal, lib.SJ_RESULT_SUPERSEDED)
+            elif result is not None or frame.result_goal_id > goal_id:  # refused, or never seen
+                goal.goals.discard(goal_id)
+        return goal.result
+
+    def _end(self, goal: Unsent, result: int) -> bool:
+        """Answer a goal that has not been sent; False: it has been."""
+        with self._lock:
+            if goal not in self._unsent:
+                return False
+            goal.result = result if goal.result is None else goal.result
+            return True
+
     def _count(self, edge: str, axes: Iterable[int]) -> int:
         """One more edge for each of these axes; the number of the command."""
         with self._lock:
@@ -204,26 +261,34 @@ class Commander(Reader):
                 entry = self._command.axis[i]
                 setattr(entry, edge, (getattr(entry, edge) + 1) % 2**32)
             if edge != "resets":
-                self._command.stop_records = lib.sj_ring_published(self._segment.base)
+                self._stopping(axes)
             self._publish()
             return int(self._command.sequence)
 
     def _cancel(self, number: int, axes: Iterable[int]) -> None:
         """Records from this number on are not to be begun on these axes."""
-        chosen = sum(1 << i for i in axes)
-        self._taken(self._cancelled, 5.0, "the cancellation before")
+        self._cancels_taken()
         with self._lock:
-            command, frame = self._command, self._read()
-            if frame is not None and frame.sequence < self._cancelled:  # the kernel has not seen it
-                number = min(number, command.cancel_from)
-                chosen |= command.cancel_axes
-            command.cancel_from = number
-            command.cancel_to = lib.sj_ring_published(self._segment.base)
-            command.cancel_axes = chosen
-            command.cancels = (command.cancels + 1) % 2**32
-            self._publish()
-            self._cancelled = int(command.sequence)
+            self._take_back(number, axes)
+        self._cancels_taken()
+
+    def _cancels_taken(self) -> None:
+        """Wait until the next cancellation does not overwrite the last."""
         self._taken(self._cancelled, 5.0, "the cancellation")
+
+    def _take_back(self, number: int, axes: Iterable[int]) -> None:
+        """As ``_cancel``, at once; under the lock."""
+        chosen = sum(1 << i for i in axes)
+        command, frame = self._command, self._read()
+        if frame is not None and frame.sequence < self._cancelled:  # the kernel has not seen it
+            number = min(number, command.cancel_from)
+            chosen |= command.cancel_axes
+        command.cancel_from = number
+        command.cancel_to = lib.sj_ring_published(self._segment.base)
+        command.cancel_axes = chosen
+        command.cancels = (command.cancels + 1) % 2**32
+        self._publish()
+        self._cancelled = int(command.sequence)
 
     def _taken(self, sequence: int, timeout: float | None, what: str) -> None:
         if self._cyclic:

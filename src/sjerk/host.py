@@ -90,7 +90,7 @@ class Host(Commander):
             for i in chosen:
                 self._command.axis[i].enable = level
             if not level:
-                self._command.stop_records = lib.sj_ring_published(self._segment.base)
+                self._stopping(chosen)
             self._publish()
         return chosen
 
@@ -328,7 +328,7 @@ class Host(Commander):
                 else:
                     entry.kind = lib.SJ_GOAL_NONE
             command.goal_id = self._next_goal()
-            command.goal_records = lib.sj_ring_published(self._segment.base)
+            self._replacing(int(command.goal_id), targets)
             self._publish()
             known = kind == lib.SJ_GOAL_ABSOLUTE
             return Move(self, int(command.goal_id), targets, known=known, limits=own)

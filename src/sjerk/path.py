@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sjerk._binding import ffi, lib
-from sjerk.commander import Commander
+from sjerk.commander import Commander, Unsent
 from sjerk.errors import (
     InputError,
     MotionStoppedError,
@@ -101,15 +101,15 @@ class Path:
         self._thread: threading.Thread | None = None
         with host._lock:
             self._goal_id = host._next_goal()
+            self._unsent = Unsent(self._axes)  # until its first record is in the ring
+            host._unsent.add(self._unsent)
         self._root: int = self._goal_id if replaces is None else replaces._root
         self._start: list[float] = []  # asked for, where the path is one of its own
         self._peaks = np.zeros((3, len(self._axes)))  # velocity, acceleration, jerk of what is sent
         source = iter((blocks,) if isinstance(blocks, Followed) else _blocks(blocks))
         self._records = self._made(source, at, after)
-        self._waiting = next(self._records)  # at once, so that what is wrong is told here
-        if replaces is not None:  # nothing may be missing once the kernel has taken over
-            self._waiting = self._joined([self._waiting, next(self._records)])
-        self._first_record = int(lib.sj_ring_published(host._segment.base)) + 1
+        self._first_record = 0  # its number in the ring
+        self._waiting = self._next()  # at once, so that what is wrong is told here
         if replaces is not None:
             replaces._give_way(at + (after > 0))
             self._speed, self._paused = replaces._speed, replaces._paused
@@ -156,6 +156,14 @@ class Path:
             raise InputError("blocks", "no segments", "must hold at least one segment")
         held["last"] = 1
         yield held
+
+    def _next(self) -> NDArray[Any]:
+        """What is to be sent next; nothing where it is not there yet."""
+        rows = next(self._records)
+        if self._replaces is not None and not self._first_record and len(rows):
+            # nothing may be missing once the kernel has taken over
+            rows = self._joined([rows, next(self._records)])
+        return rows
 
     def _check(self, block: Followed, expected: int) -> None:
         joints = block.position.shape[1]
@@ -208,18 +216,33 @@ class Path:
         """Send as many segments as the ring has room for; whether all have been sent.
 
         For a caller's own loop: call it now and then between ``MotionKernel.step``. With a process
-        a thread does it. Raises what the source of the blocks raises.
+        a thread does it. Raises what the source of the blocks raises, once; the path is cancelled.
         """
-        if self._is_refused():
+        while True:
+            with self._feeding:
+                sent = self._push()
+            if sent is not None:
+                return sent
+            try:
+                rows = self._next()
+            except BaseException as error:
+                self._fail(error)
+                raise
+            with self._feeding:
+                self._waiting = self._joined([self._waiting, rows]) if len(self._waiting) else rows
+            if not len(rows):
+                return False
+
+    def _push(self) -> bool | None:
+        """Send what waits; whether all has been sent, None: the next of it is needed."""
+        if self._error is not None or (self._host._cyclic and self._host._closed):
             return True
-        while not self._complete:
-            if not len(self._waiting):
-                self._waiting = next(self._records)
-                if not len(self._waiting):
-                    return False
+        if self._is_refused() or (not self._first_record and self.state in _ENDED):
+            return True
+        while len(self._waiting):
             if not self._send():
                 return False
-        return self._replaces is None
+        return self._replaces is None if self._complete else None
 
     def _is_refused(self) -> bool:
         """Whether the kernel has refused the splice; then the path before goes on."""
@@ -242,13 +265,17 @@ class Path:
         with self._feeding:
             room = segment.layout.record_capacity - lib.sj_ring_waiting(segment.base)
             count = min(room, len(self._waiting))
-            if count <= 0 or self._yields:
+            if count <= 0 or self._yields or (not self._first_record and self.state in _ENDED):
                 return False
             part = np.ascontiguousarray(self._waiting[:count])
             with self._host._lock:
+                if not self._first_record and not self._unsent.free:
+                    return False
                 number = self._host._publish_records(ffi.from_buffer(part), count)
-            if not number:
-                return False
+                if not number:
+                    return False
+                self._first_record = self._first_record or number - count + 1
+                self._host._unsent.discard(self._unsent)
             self._waiting = self._waiting[count:]
             if part["kind"][-1] == lib.SJ_RECORD_SEGMENT:
                 self._fed = int(part["number"][-1])
@@ -259,24 +286,36 @@ class Path:
 
     def _begin_feeding(self) -> None:
         self._thread = threading.Thread(target=self._feed, daemon=True)
+        self._host._fed.add(self)
         self._thread.start()
 
     def _feed(self) -> None:
         """The thread: until all is sent, or the path is over."""
-        base = self._host._segment.base
         try:
-            while not self._stop.is_set() and not self._host._closed and not self.pump():
-                if lib.sj_feedback_read(base, self._frame, self._number) == 1:
-                    told = self._frame.path
-                    if told.goal_id > self._goal_id:
-                        return
-                    if told.goal_id == self._goal_id and PathState(told.state) in _ENDED:
-                        return
+            while not self._stop.is_set() and not self.pump() and not self._is_over():
                 self._stop.wait(1e-3)
         except BaseException as error:
+            if self._error is None:
+                self._fail(error)
+
+    def _fail(self, error: BaseException) -> None:
+        """No more will come: ``wait`` is to raise this."""
+        with self._feeding:
             self._error = error
             if not self._host._closed:
-                self._order(cancel=1)
+                self.cancel()
+
+    def _is_over(self) -> bool:
+        """Whether the thread is not needed any more."""
+        with self._feeding:
+            if self._host._closed:
+                return True
+            base = self._host._segment.base
+            if lib.sj_feedback_read(base, self._frame, self._number) != 1:
+                return False
+            told = self._frame.path
+            ended = told.goal_id == self._goal_id and PathState(told.state) in _ENDED
+            return bool(told.goal_id > self._goal_id or ended)
 
     # ---- commanding
 
@@ -313,8 +352,18 @@ class Path:
         self._stop.set()
         if self.state in _ENDED:
             return
+        alone = self._replaces is None
+        if self._host._end(self._unsent, lib.SJ_RESULT_SUPERSEDED):
+            if not alone:
+                self._order(cancel=1)
+            return
+        self._host._cancels_taken()
         with self._host._lock:
-            self._take_back(self._first_record)
+            self._host._take_back(self._first_record, self._axes)
+        if alone and self.state is PathState.SENT:
+            self._host._cancels_taken()  # or it has begun meanwhile
+            if self.state is PathState.SENT:
+                return  # and an order to it would end those of the path in play
         self._order(cancel=1)
 
     def splice(self, blocks: Blocks, at: int, *, after: int = 0) -> Path:
@@ -338,6 +387,7 @@ class Path:
             raise InputError("at", at, f"sent are way-points up to {progress.fed}")
         if self._yields:
             raise InputError("at", at, "another path is to take over already")
+        self._host._cancels_taken()
         return Path(self._host, blocks, self._axes, replaces=self, at=at, after=after)
 
     def _give_way(self, first: int) -> None:
@@ -349,7 +399,7 @@ class Path:
                 if points[-1] >= first:
                     left = int((points >= first).sum())
                     with self._host._lock:
-                        self._take_back(number - left + 1)
+                        self._host._take_back(number - left + 1, self._axes)
                     return
 
     def _go_on(self) -> None:
@@ -366,15 +416,6 @@ class Path:
         if self._thread is not None and was and not self._complete:
             self._thread.join()  # its work was done
             self._begin_feeding()
-
-    def _take_back(self, first: int) -> None:
-        """Records from this number of the ring on, if not begun; under the lock."""
-        command = self._host._command
-        command.cancel_from = first
-        command.cancel_to = lib.sj_ring_published(self._host._segment.base)
-        command.cancel_axes = sum(1 << i for i in self._axes)
-        command.cancels = (command.cancels + 1) % 2**32
-        self._host._publish()
 
     # ---- what has become of it
 
@@ -423,6 +464,8 @@ class Path:
 
     def _state_now(self, frame: Any) -> PathState:
         told = frame.path
+        if not self._first_record:
+            return self._unsent_state(frame)
         if told.goal_id == self._goal_id:
             state = PathState(told.state)
             refused = told.result != lib.SJ_RESULT_ACCEPTED
@@ -438,6 +481,18 @@ class Path:
             last = PathState(self._host._path_states.get(self._goal_id, lib.SJ_PATH_NONE))
             return last if last in _ENDED else PathState.SUPERSEDED
         return PathState.SENT
+
+    def _unsent_state(self, frame: Any) -> PathState:
+        """The kernel cannot answer yet: what came for its axes, or became of the path before, does."""
+        host, before = self._host, self._replaces
+        result = host._never_sent(self._unsent, frame)
+        if result is None and before is not None and before._state(frame) in _ENDED:
+            host._end(self._unsent, lib.SJ_RESULT_STOPPED)
+            result = self._unsent.result
+        if result is None:
+            return PathState.SENT
+        stopped = result == lib.SJ_RESULT_STOPPED
+        return PathState.STOPPED if stopped else PathState.SUPERSEDED
 
     def wait(self, timeout: float | None = None) -> None:
         """Return when the command is on the last way-point.
