@@ -239,7 +239,7 @@ class Path:
             return True
         if self._is_refused() or (not self._first_record and self.state in _ENDED):
             return True
-        while len(self._waiting):
+        while len(self._waiting) and not self._complete:
             if not self._send():
                 return False
         return self._replaces is None if self._complete else None
@@ -483,7 +483,7 @@ class Path:
         return PathState.SENT
 
     def _unsent_state(self, frame: Any) -> PathState:
-        """The kernel cannot answer yet: what came for its axes, or became of the path before, does."""
+        """Answered by what came for its axes, or by what has become of the path before."""
         host, before = self._host, self._replaces
         result = host._never_sent(self._unsent, frame)
         if result is None and before is not None and before._state(frame) in _ENDED:
