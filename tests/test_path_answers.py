@@ -129,6 +129,23 @@ def test_in_a_process_wait_returns(stop: str) -> None:
         hangs.set()
 
 
+@pytest.mark.parametrize("stop", STOPS)
+def test_a_path_that_is_open_without_a_segment_is_answered(stop: str) -> None:
+    """Its one segment is held back, since it may be the last: it has not begun, and ends."""
+    bench = Bench([0.0, 0.0], LIMITS)
+    source = Gate()
+    source.given.put(next(follow(_trajectory(), LIMITS, T, block=1, lookahead=20)))
+    path = bench.play(source)
+    path.pump()
+    bench.kernel.step(20)
+    assert bench.host.feedback().path.goal_id == path.goal_id
+    STOPS[stop][0](bench.host, path)
+    bench.kernel.step(200)
+    assert path.state in (PathState.STOPPED, PathState.LEFT)
+    with pytest.raises(MotionStoppedError):
+        path._raise()
+
+
 def test_what_does_not_touch_it_leaves_it_waiting() -> None:
     """Goals that are refused or never seen, what is of another axis; then it plays to its end."""
     ranged = replace(LIMITS[0], position=(-1.0, 1.0))

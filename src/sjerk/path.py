@@ -360,11 +360,15 @@ class Path:
         self._host._cancels_taken()
         with self._host._lock:
             self._host._take_back(self._first_record, self._axes)
-        if alone and self.state is PathState.SENT:
-            self._host._cancels_taken()  # or it has begun meanwhile
-            if self.state is PathState.SENT:
+        if alone and not self._is_open():
+            self._host._cancels_taken()  # or it has been opened meanwhile
+            if not self._is_open():
                 return  # and an order to it would end those of the path in play
         self._order(cancel=1)
+
+    def _is_open(self) -> bool:
+        """Whether the kernel has opened it, begun or not."""
+        return bool(self._host._frame().path.goal_id == self._goal_id)
 
     def splice(self, blocks: Blocks, at: int, *, after: int = 0) -> Path:
         """Go on along other segments; this path is superseded by the new one.
