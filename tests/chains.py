@@ -228,13 +228,15 @@ def landed(run: Run, chain: list[Queued], axes: int) -> None:
 ways = st.one_of(st.floats(0.01, 12.0), st.floats(-12.0, -0.01), st.sampled_from([1.0, -0.5, 5.0]))
 
 
-def stay_within(run: Run, axes: int, *, quick: bool) -> None:
-    """Limits of the axes, their stop limits where one was asked for, and the position limits.
+def stay_within(run: Run, axes: int, *, quick: bool, disabled: bool = False) -> None:
+    """Limits of the axes, their stop limits where one was asked for, and the position limits. The
+    kernel leads every axis to the end, unless one was disabled.
 
     Where a move is held on its way the samples have no jerk of their own: its positions are judged.
     """
     most = (2000.0, 40000.0) if quick else (OWN.acceleration, OWN.jerk)
     ulp = 8 * np.spacing(np.max(np.abs(run.position)) + 1.0)
+    assert disabled or np.all(run.follows[:, :axes] == 1)
     for i in range(axes):
         q, v, a, j = (c[:, i] for c in (run.position, run.velocity, run.acceleration, run.jerk))
         led = (run.follows[1:, i] & run.follows[:-1, i]).astype(bool)  # else: the drive's own place

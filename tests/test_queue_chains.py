@@ -212,8 +212,28 @@ def test_whatever_comes_in_a_chain_it_keeps_its_limits_and_answers_every_move(
     host.override(1.0)
     run = watch.run(moves)
     quick = any(what.startswith("quick") for _, what, _ in events)
-    stay_within(run, axes, quick=quick)
+    disabled = any(what.startswith("disable") for _, what, _ in events)
+    stay_within(run, axes, quick=quick, disabled=disabled)
     answered(run)
+
+
+@settings(max_examples=2 * SOME)
+@given(st.integers(1, 700), st.booleans(), st.booleans())
+def test_a_quick_stop_while_other_axes_pass_a_goal(at: int, together: bool, jogs: bool) -> None:
+    """Axes with chains of their own: each comes to rest at its own stop limits."""
+    kernel, host = stepped(2, OWN)
+    watch = Watch(kernel, host)
+    moves = []
+    for axis in range(2):
+        if axis == 0 and jogs:
+            host.jog({0: 20.0})
+            continue
+        moves.append(host.move({axis: 30.0 + axis}))
+        moves.append(host.move({axis: 60.0}, buffer="blend low"))
+    watch.step(at)
+    host.quick_stop(together=together)
+    run = watch.run(moves)
+    stay_within(run, 2, quick=True)
 
 
 @settings(max_examples=2 * SOME)

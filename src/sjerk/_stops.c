@@ -114,14 +114,18 @@ void sj_stop_quick(sj_kernel *kernel, uint64_t set, uint64_t together)
     sj_paced_hand_over(kernel, set);
     sj_paced_release(kernel, set);
     for (int32_t i = 0; i < kernel->axes; i++) {
+        if ((set >> i & 1) == 0 || !kernel->axis[i].following)
+            continue;
+        sj_goal_ceiling(&kernel->axis[i]);
+        sj_ahead_stop(kernel, UINT64_C(1) << i); /* plans for itself: before all stops are planned */
+        sj_cycle_trigger(kernel, i, SJ_TRIGGER_QUICK_STOP);
+    }
+    for (int32_t i = 0; i < kernel->axes; i++) {
         sj_axis *ax = &kernel->axis[i];
         continuous at;
         sj_limits limits;
         if ((set >> i & 1) == 0 || !ax->following)
             continue;
-        sj_goal_ceiling(ax);
-        sj_ahead_stop(kernel, UINT64_C(1) << i);
-        sj_cycle_trigger(kernel, i, SJ_TRIGGER_QUICK_STOP);
         if (!axis_moving(ax)) {
             if (!ax->reached) /* held on its way */
                 axis_give_up(ax);

@@ -5,7 +5,8 @@ It knows the meaning of limits and commands, and shares no code with the cycle.
 What is judged per cycle and axis: the first three differences of the commanded position against the
 limits of the goals in execution; position, velocity and acceleration each continuing from the one
 before by the jerk of the cycle; targets the nearest increments; the command on the actual position
-while the drive does not follow; position limits. Per goal: one answer, in the cycle that took it.
+while the drive does not follow; position limits; no axis that the kernel leads is left to the quick
+stop of its drive. Per goal: one answer, in the cycle that took it.
 An episode is an axis' way from rest to rest: its limits are those of the goals of the episode, of
 the axis where a halt or a path came, of the quick stop where one came. Where a recording has a gap,
 answers are not judged, nor limits until the axis has come to rest.
@@ -189,6 +190,9 @@ def _axis(
     for wrong, name in ((off, "target off its position"), (away, "command off the drive")):
         for k in np.flatnonzero(wrong):
             verdict.find(name, f"axis {i}, cycle {cycle[k]}: {q[k]!r}")
+    left = (rows["flags"] & lib.SJ_TRACE_DRIVE_STOP) != 0
+    for k in np.flatnonzero(left[1:] & ~left[:-1] & follows[:-1] & (np.diff(cycle) == 1)):
+        verdict.find("left to its drive", f"axis {i}, cycle {cycle[k + 1]}: {q[k + 1]!r}")
     if axis.limits.position is not None:
         low, high = axis.limits.position
         out = joined[1:] & (
