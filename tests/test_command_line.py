@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sjerk import Axis, InputError, Limits, MotionKernel
+from sjerk import Axis, InputError, Limits, MotionKernel, Recording, commands
 from sjerk.__main__ import main
 from sjerk.arguments import by_axis, duration, duration_or_inf
 from sjerk.handshake import Layout, Segment
@@ -222,6 +222,42 @@ def test_a_missing_extra_is_named_with_its_module(
     assert main(["kernel", str(file), "--record", "a.parquet"]) == 1
     told = capsys.readouterr().err
     assert told == "sjerk: module 'pyarrow' is not installed: the extra is sjerk[record]\n"
+
+
+def test_where_no_kernel_runs_is_told_like_an_unknown_one(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Exit code 6, with a name and without; where many run it is to be named."""
+    monkeypatch.setattr(commands, "clean", lambda dry_run: [])
+    for job in ("status", "enable", "monitor", "report"):
+        assert main([job]) == 6
+        assert capsys.readouterr().err == "sjerk: no kernel runs\n"
+    assert main(["status", "--name", f"nobody-{os.getpid()}"]) == 6
+    capsys.readouterr()
+    assert main(["status", "--name", ""]) == 1
+    assert "kernel name ''" in capsys.readouterr().err
+
+
+def test_a_recording_is_not_overwritten_without_force(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of a kernel from its begin, and of one that runs; refused before anything runs."""
+    file, out = tmp_path / "robot.toml", tmp_path / "out.mcap"
+    file.write_text(FILE)
+    name = f"force-{os.getpid()}"
+    axis = Axis(Limits(90.0, 500.0, 5000.0), 2**24 / 360.0)
+    with MotionKernel([axis], 1e-3) as kernel:
+        for job in (
+            ["kernel", str(file), "--name", name, "--record", str(out), "--seconds", "0.2"],
+            ["record", str(out), "--name", kernel.name, "--seconds", "0.2"],
+        ):
+            out.write_bytes(b"precious")
+            assert main(job) == 1
+            told = capsys.readouterr().err
+            assert told == f"sjerk: file = '{out}': exists: --force overwrites it\n"
+            assert out.read_bytes() == b"precious"
+            assert main([*job, "--force"]) == 0
+            assert len(Recording.open(out)) > 0
 
 
 def test_a_bad_name_is_told_as_it_was_given(

@@ -190,7 +190,7 @@ holds = st.lists(
 )
 
 
-@settings(max_examples=2 * SOME)
+@settings(max_examples=SOME)
 @given(cases(), holds)
 def test_a_held_move_stays_on_its_way_and_ends_on_its_goal(
     case: Case, events: list[tuple[int, int, bool]]

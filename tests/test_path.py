@@ -468,7 +468,7 @@ def test_a_place_that_is_passed_or_not_sent_is_refused_at_once() -> None:
     bench = Bench(blocks[0].position[0].tolist(), limits)
     path = bench.play(blocks)
     bench.run(path, until=lambda: path.progress.point == 20)
-    for at, after in ((19, 5), (20, 0), (60, 1), (61, 0), (-1, 0), (30, -1)):
+    for at, after in ((19, 5), (20, 0), (60, 1), (61, 0), (-1, 0), (30, -1), (30, 2**63)):
         with pytest.raises(InputError, match=r"at|after"):
             path.splice(blocks[0], at, after=after)
     path.splice(_from(blocks, 30), 31)

@@ -16,6 +16,7 @@ import pytest
 from loops import enabled
 from sjerk import (
     Axis,
+    DriveConfig,
     Host,
     InputError,
     KernelGoneError,
@@ -87,6 +88,11 @@ SHARED = P.sample()
         lambda: MotionKernel([AXIS]).step(True),
         lambda: MotionKernel([AXIS]).step(2**70),
         lambda: Host.attach("none", L, T),
+        lambda: MotionKernel([AXIS]).host().enable(axes=1.5),
+        lambda: MotionKernel([AXIS]).host().halt(axes="0"),
+        lambda: MotionKernel([AXIS]).host().follow([], axes=1.5),
+        lambda: DriveConfig(following_window=1e6),
+        lambda: DriveConfig(rated_torque_nm="x"),
     ],
 )
 def test_unusable_input_is_an_input_error(call: Any) -> None:

@@ -46,7 +46,7 @@ def test_dense_and_sparse_give_the_same_motion() -> None:
     dense, sparse = toppra_plan(0.002, 0), toppra_plan(0.1, 0)
     one = judged(dense, PANDA, 1e-4)[1]
     two = recording(list(follow(sparse, PANDA, T, use_velocities=False)))[0]
-    _, gaps = along(curve(one), two, 0, 16 * len(one))
+    _, gaps = along(curve(one), two[::5], 0, 16 * len(one))  # each 5 ms: it turns far more slowly
     assert gaps.max() <= tolerance
     assert abs(len(one) - len(two)) <= 0.02 * len(two)
 

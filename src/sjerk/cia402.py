@@ -15,7 +15,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, NamedTuple
 
 from sjerk._binding import ffi, lib
-from sjerk.errors import SjerkError
+from sjerk.errors import InputError, SjerkError
 
 
 class ControlWord(enum.IntFlag):
@@ -351,6 +351,8 @@ others are from memory; they are shown (6075h) and drive nothing."""
 class DriveConfig:
     """Everything a drive is set to; checked at construction, `DriveConfigError` names the field.
 
+    What is no number, or no integer where one is needed, is an `InputError`.
+
     SI units are in the names. The second half are objects of CiA 402 in their own type and unit
     (pu: position unit of 607Ah, one encoder increment unless 6091h and 6092h say otherwise).
 
@@ -465,14 +467,14 @@ class DriveConfig:
         return replace(self, **changes)
 
     def to_c(self) -> Any:
-        """The config as ``sj_drive_config *``; raises `DriveConfigError`."""
+        """The config as ``sj_drive_config *``; raises `DriveConfigError`, `InputError`."""
         config = ffi.new("sj_drive_config *")
         for entry in fields(self):
             value = getattr(self, entry.name)
             wanted = int if isinstance(entry.default, int) else (int, float)
             if isinstance(value, bool) or not isinstance(value, wanted):
                 kind = "an integer" if wanted is int else "a number"
-                raise TypeError(f"{entry.name} = {value!r} is not {kind}")
+                raise InputError(entry.name, value, f"must be {kind}")
             try:
                 setattr(config, entry.name, value)
             except OverflowError:

@@ -21,7 +21,13 @@ from sjerk.arguments import by_axis, duration, duration_or_inf
 from sjerk.clock import Grant
 from sjerk.config import load
 from sjerk.cyclictest import Cyclictest
-from sjerk.errors import ExtraMissingError, HostTakenError, InputError, SjerkError
+from sjerk.errors import (
+    ExtraMissingError,
+    HostTakenError,
+    InputError,
+    SegmentMissingError,
+    SjerkError,
+)
 from sjerk.feedback import Distribution, Feedback
 from sjerk.handshake import clean
 from sjerk.host import BUFFERS, Host
@@ -42,6 +48,7 @@ def add_arguments(jobs: Any) -> None:
     job.add_argument(
         "--record", type=Path, help="every cycle, to .parquet or .mcap (extra: record)"
     )
+    add_force(job)
     job.add_argument("--json", action="store_true")
     job.set_defaults(run=_kernel)
 
@@ -88,6 +95,24 @@ def add_arguments(jobs: Any) -> None:
     job.add_argument("--seconds", type=duration, default=5.0)
 
 
+# ---- recordings ----------------------------------------------------------------------------------
+
+
+def add_force(job: Any) -> None:
+    """Add what ``ready`` asks for before it overwrites."""
+    job.add_argument("--force", action="store_true", help="overwrite a recording that is there")
+
+
+def ready(options: argparse.Namespace, file: Path) -> None:
+    """Refuse a recording that cannot be written, or would be overwritten, before anything runs.
+
+    Raises InputError, ExtraMissingError.
+    """
+    storage.ready(file)
+    if file.exists() and not options.force:
+        raise InputError("file", str(file), "exists: --force overwrites it")
+
+
 # ---- the kernel ----------------------------------------------------------------------------------
 
 
@@ -100,7 +125,7 @@ def _kernel(options: argparse.Namespace) -> int:
         raise KeyboardInterrupt
 
     if options.record is not None:
-        storage.ready(options.record)  # before anything runs
+        ready(options, options.record)
     before, ran = signal.signal(signal.SIGTERM, end), False
     try:
         # the recorder outlives the kernel: the halt at its end is recorded as well
@@ -123,12 +148,17 @@ def _kernel(options: argparse.Namespace) -> int:
 
 
 def name_of(options: argparse.Namespace) -> str:
-    """The kernel that is meant: named, or the only one that runs. Raises InputError."""
-    if options.name:
+    """The kernel that is meant: named, or the only one that runs.
+
+    Raises SegmentMissingError where none runs, InputError where many do.
+    """
+    if options.name is not None:
         return str(options.name)
     found = [info.name for info in clean(dry_run=True) if info.in_use and not info.companion]
-    if len(found) != 1:
-        raise InputError("--name", None, f"{len(found)} kernels run: {', '.join(found) or 'none'}")
+    if not found:
+        raise SegmentMissingError("no kernel runs")
+    if len(found) > 1:
+        raise InputError("--name", None, f"{len(found)} kernels run: {', '.join(found)}")
     return found[0]
 
 

@@ -1,4 +1,4 @@
-"""A kernel from a TOML file: axes, drives, clock and reactions, each fault told with its place.
+"""A kernel from a TOML file or a table: axes, drives, clock, reactions; faults with their place.
 
 Never here: motion, processes.
 """
@@ -28,7 +28,7 @@ class _Place:
         self.table: dict[str, Any] = table
 
     def error(self, key: str, value: object, why: str) -> ConfigError:
-        place = f"{self.place}.{key}" if self.place and key else self.place or key
+        place = ".".join(part for part in (self.place, key) if part) or "description"
         return ConfigError(self.path, place, value, why)
 
     def known(self, *names: str) -> None:
@@ -55,7 +55,8 @@ def load(path: Path | str, *, name: str | None = None) -> MotionKernel:
 
     A file: ``cycle_time`` (s), ``name``, tables ``[clock]`` (``Clock``) and ``[reactions]``
     (``Reactions``), and for each axis ``[[axes]]`` with the fields of ``Axis``: ``limits`` and
-    ``stop_limits`` are tables of ``Limits``, ``drive`` a table of ``DriveConfig`` or "external".
+    ``stop_limits`` are tables of ``Limits``, ``drive`` a table of ``DriveConfig``, "ideal" or
+    "external".
 
     >>> load("/dev/null")
     Traceback (most recent call last):
@@ -63,9 +64,18 @@ def load(path: Path | str, *, name: str | None = None) -> MotionKernel:
     """
     try:
         table = tomllib.loads(Path(path).read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as fault:
+    except (ValueError, RecursionError) as fault:  # also of text that is not UTF-8, of long numbers
         raise ConfigError(str(path), "syntax", None, str(fault)) from fault
+    return described(path, table, name=name)
+
+
+def described(path: Path | str, table: object, *, name: str | None = None) -> MotionKernel:
+    """The kernel that a table describes, laid out as in ``load``; ``path`` is where it is from.
+
+    Raises ConfigError.
+    """
     top = _Place(str(path), "", table)
+    table = top.table
     top.known("name", "cycle_time", "clock", "reactions", "axes")
     rows = table.get("axes")
     if not isinstance(rows, list) or not rows:
@@ -74,7 +84,7 @@ def load(path: Path | str, *, name: str | None = None) -> MotionKernel:
         "axes": [_axis(_Place(str(path), f"axes[{i}]", row)) for i, row in enumerate(rows)],
         "clock": _plain(_Place(str(path), "clock", table.get("clock", {})), Clock),
         "reactions": _plain(_Place(str(path), "reactions", table.get("reactions", {})), Reactions),
-        "name": name or table.get("name", Path(path).stem),
+        "name": table.get("name", Path(path).stem) if name is None else name,
     }
     if "cycle_time" in table:
         values["cycle_time"] = table["cycle_time"]
@@ -82,18 +92,22 @@ def load(path: Path | str, *, name: str | None = None) -> MotionKernel:
     return kernel
 
 
+def _names(kind: type[Any]) -> list[str]:
+    return [field.name for field in fields(kind) if field.init]
+
+
 def _plain(place: _Place, kind: type[Any]) -> Any:
-    place.known(*(field.name for field in fields(kind)))
+    place.known(*_names(kind))
     return place.make(kind, (), place.table)
 
 
 def _axis(place: _Place) -> Axis:
-    place.known(*(field.name for field in fields(Axis) if field.name != "_"))
+    place.known(*_names(Axis))
     values = dict(place.table)
     for key in ("limits", "stop_limits"):
         if key in values:
             values[key] = _limits(_Place(place.path, f"{place.place}.{key}", values[key]))
-    if "drive" in values and values["drive"] != "external":
+    if "drive" in values and not isinstance(values["drive"], str):
         below = _Place(place.path, f"{place.place}.drive", values["drive"])
         values["drive"] = _plain(below, DriveConfig)
     axis: Axis = place.make(Axis, ("limits", "counts_per_unit"), values)
@@ -101,7 +115,7 @@ def _axis(place: _Place) -> Axis:
 
 
 def _limits(place: _Place) -> Limits:
-    place.known(*(field.name for field in fields(Limits)))
+    place.known(*_names(Limits))
     values = dict(place.table)
     if isinstance(values.get("position"), list):
         values["position"] = tuple(values["position"])

@@ -50,6 +50,8 @@ class Host(Commander):
     def _chosen(self, axes: Axes) -> list[int]:
         if axes is None:
             return list(range(self._axes))
+        if not isinstance(axes, int | Iterable):
+            raise InputError("axes", axes, f"axis numbers are 0 .. {self._axes - 1}")
         chosen = [axes] if isinstance(axes, int) else list(axes)
         for i in chosen:
             if not isinstance(i, int) or isinstance(i, bool) or not 0 <= i < self._axes:

@@ -130,7 +130,7 @@ class Reactions:
 
     def __post_init__(self) -> None:
         for name, value in asdict(self).items():
-            if value not in _REACTIONS:
+            if not isinstance(value, str) or value not in _REACTIONS:
                 raise InputError(name, value, f"must be one of {', '.join(_REACTIONS)}")
 
     def _into(self, kernel: Any) -> None:

@@ -385,6 +385,8 @@ class Path:
         for name, value in (("at", at), ("after", after)):
             if isinstance(value, bool) or not isinstance(value, int) or value < 0:
                 raise InputError(name, value, "must be an int, not negative")
+        if after > lib.SJ_CYCLES_MAX:
+            raise InputError("after", after, f"must be up to {lib.SJ_CYCLES_MAX} cycles")
         if at < progress.point + (after == 0):
             raise InputError("at", at, f"the way-point ahead is {progress.point}")
         if at > progress.fed + (after == 0):

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sjerk.arguments import duration_or_inf
-from sjerk.commands import name_of, show
+from sjerk.commands import add_force, name_of, ready, show
 from sjerk.errors import ExtraMissingError, InputError
 from sjerk.recording import Recorder, Recording
 from sjerk.simulation import replay
@@ -31,6 +31,7 @@ def add_arguments(jobs: Any) -> None:
     job.add_argument("file", type=Path, help="ends in .parquet or .mcap (extra: record)")
     job.add_argument("--name", help="of the kernel; default: the only one that runs")
     job.add_argument("--seconds", type=duration_or_inf, default=float("inf"))
+    add_force(job)
     job.add_argument("--json", action="store_true")
     job.set_defaults(run=_record)
     job = jobs.add_parser("plot", help="a picture of a recording: planned, commanded, actual")
@@ -48,9 +49,11 @@ def _record(options: argparse.Namespace) -> int:
     def end(*_: object) -> None:
         raise KeyboardInterrupt
 
+    name = name_of(options)
+    ready(options, options.file)
     before = signal.signal(signal.SIGTERM, end)
     try:
-        recorder = Recorder(name_of(options), options.file)
+        recorder = Recorder(name, options.file)
         until = time.monotonic() + options.seconds
         with recorder, suppress(KeyboardInterrupt):
             while recorder.alive and time.monotonic() < until:

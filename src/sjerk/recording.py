@@ -19,11 +19,10 @@ from numpy.typing import NDArray
 
 from sjerk import storage
 from sjerk._binding import lib
-from sjerk.cia402 import DriveConfig
+from sjerk.config import described
 from sjerk.errors import InputError, positive
 from sjerk.feedback import Event, EventKind, PathState
-from sjerk.kernel import Axis, MotionKernel, Reactions
-from sjerk.profile import Limits
+from sjerk.kernel import MotionKernel
 from sjerk.trace import Chunk, Trace, event_dtype, frame_dtype, record_dtype, row_dtype
 
 FloatArray = NDArray[np.float64]
@@ -62,10 +61,21 @@ def _from_columns(columns: dict[str, NDArray[Any]], kind: np.dtype[Any], n: int)
     rows = np.zeros(n, kind)
     for column, path in _flat(kind):
         into = rows
-        for name in path[:-1]:
+        for name in path:
             into = into[name]
-        into[path[-1]] = columns[column]
+        into[...] = _column(columns, column, into)
     return rows
+
+
+def _column(columns: dict[str, NDArray[Any]], name: str, like: NDArray[Any]) -> NDArray[Any]:
+    """A column that fits; raises InputError."""
+    found = columns.get(name)
+    if found is None:
+        raise InputError("column", name, "is missing, or the file is of another version")
+    if (found.dtype, found.shape) != (like.dtype, like.shape):
+        have, want = (f"{array.dtype}{list(array.shape)}" for array in (found, like))
+        raise InputError("column", name, f"must be {want}, is {have}")
+    return found
 
 
 def _tables(chunk: Chunk) -> storage.Tables:
@@ -78,20 +88,30 @@ def _tables(chunk: Chunk) -> storage.Tables:
 
 
 def _chunk(tables: storage.Tables, axes: int) -> Chunk:
-    frames, told = (tables.get(name, {}) for name in (storage.FRAMES, "events"))
-    n, k = (len(table.get("cycle", ())) for table in (frames, told))
+    """Raises InputError for what was not written by ``_tables`` for so many axes."""
+    for name in (storage.FRAMES, "events", "commands", "records"):
+        if "cycle" not in tables.get(name, {}):
+            raise InputError("column", f"{name}.cycle", "is missing")
+    frames, told = tables[storage.FRAMES], tables["events"]
+    n, k = len(frames["cycle"]), len(told["cycle"])
+    events = _from_columns(told, event_dtype(), k) if k else np.empty(0, event_dtype())
+    strange = set(events["kind"].tolist()) - set(EventKind)
+    if strange:
+        raise InputError("events.kind", min(strange), "is no kind of event")
     return Chunk(
         _from_columns(frames, frame_dtype(axes), n),
-        np.array(frames["missed"], np.uint64),
-        _rows(tables.get("commands", {}), row_dtype(axes, "command")),
-        _rows(tables.get("records", {}), row_dtype(axes, "record")),
-        _from_columns(told, event_dtype(), k) if k else np.empty(0, event_dtype()),
+        _column(frames, "missed", np.empty(n, np.uint64)),
+        _rows(tables["commands"], row_dtype(axes, "command")),
+        _rows(tables["records"], row_dtype(axes, "record")),
+        events,
     )
 
 
 def _rows(table: dict[str, NDArray[Any]], kind: np.dtype[Any]) -> NDArray[Any]:
-    rows = np.empty(len(table.get("cycle", ())), kind)
+    rows = np.empty(len(table["cycle"]), kind)
     for name in kind.names or () if len(rows) else ():
+        if name not in table:
+            raise InputError("column", name, "is missing")
         rows[name] = np.ascontiguousarray(table[name]).view(kind[name]).reshape(len(rows))
     return rows
 
@@ -107,6 +127,7 @@ class Recorder:
     takes does not grow. A context manager; the file is whole once it is left.
 
     >>> from tempfile import TemporaryDirectory
+    >>> from sjerk import Axis, Limits
     >>> kernel = MotionKernel([Axis(Limits(90.0, 500.0, 5000.0), 2**24 / 360)])
     >>> with TemporaryDirectory() as folder:
     ...     with Recorder(kernel, f"{folder}/a.parquet") as recorder:
@@ -206,19 +227,10 @@ class Recorder:
 # ---- reading -------------------------------------------------------------------------------------
 
 
-def _limits(values: dict[str, Any]) -> Limits:
-    position = values.get("position")
-    return Limits(**(values | {"position": None if position is None else tuple(position)}))
-
-
-def _axis(values: dict[str, Any]) -> Axis:
-    made = dict(values)
-    for name in ("limits", "stop_limits"):
-        if made.get(name) is not None:
-            made[name] = _limits(made[name])
-    if isinstance(made.get("drive"), dict):
-        made["drive"] = DriveConfig(**made["drive"])
-    return Axis(**made)
+def _chunks(path: Path, file: storage.Reader, axes: int) -> Iterator[Chunk]:
+    with storage.decoding(path):
+        for tables in file.tables():
+            yield _chunk(tables, axes)
 
 
 @dataclass(frozen=True)
@@ -238,25 +250,33 @@ class Recording:
     sjerk.errors.InputError: file = 'nowhere.parquet': does not exist
     """
 
-    def __init__(self, description: dict[str, Any], chunks: Callable[[], Iterator[Chunk]]) -> None:
-        """Not for callers: ``open``, ``simulate``."""
+    def __init__(
+        self,
+        description: dict[str, Any],
+        chunks: Callable[[], Iterator[Chunk]],
+        file: Path | None = None,
+    ) -> None:
+        """Not for callers: ``open``, ``simulate``. Raises ConfigError, which names the file."""
         self.description = description
         self._source = chunks
-        try:
-            self.name = str(description["name"])
-            self.cycle_time = float(description["cycle_time"])
-            self.axes = tuple(_axis(axis) for axis in description["axes"])
-            self.reactions = Reactions(**description["reactions"])
-        except (KeyError, TypeError) as fault:
-            raise InputError("file", self.description, f"is of another version: {fault}") from fault
+        kernel = described(file or "description", description)
+        #: What errors call it: its file, or the kernel where there is none.
+        self.source = str(file or kernel.name)
+        self.name, self.cycle_time = kernel.name, kernel.cycle_time
+        self.axes, self.reactions = kernel.axes, kernel.reactions
 
     @classmethod
     def open(cls, path: Path | str) -> Self:
-        """A recording in a file; it is read when asked for. Raises InputError, OSError."""
-        file = storage.reader(Path(path))
-        description = json.loads(file.description)
-        axes = len(description.get("axes", ()))
-        return cls(description, lambda: (_chunk(tables, axes) for tables in file.tables()))
+        """A recording in a file; it is read when asked for.
+
+        Raises InputError, which names the file, here or where damaged bytes are met; OSError.
+        """
+        path = Path(path)
+        with storage.decoding(path):
+            file = storage.reader(path)
+            description = json.loads(file.description)
+            found = cls(description, lambda: _chunks(path, file, len(found.axes)), path)
+        return found
 
     def __len__(self) -> int:
         return len(self.cycle)

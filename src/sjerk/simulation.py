@@ -170,7 +170,7 @@ def replay(recording: Recording | Path | str) -> Replay:
             return Replay(expected - 1 + same, difference, seconds, recording.cycle_time)
         expected += len(frames)
     if expected == 1:
-        raise InputError("recording", recording.name, "has no cycle")
+        raise InputError("recording", recording.source, "has no cycle")
     return Replay(expected - 1, None, seconds, recording.cycle_time)
 
 
@@ -178,7 +178,7 @@ def _check(recording: Recording, chunk: Chunk, cycle: Any, expected: int) -> Non
     if expected == 1 and len(cycle) and cycle[0] != 1:
         raise InputError(
             "recording",
-            recording.name,
+            recording.source,
             f"begins with cycle {cycle[0]}: only from the kernel's first cycle on is its state "
             "known",
         )
@@ -187,13 +187,13 @@ def _check(recording: Recording, chunk: Chunk, cycle: Any, expected: int) -> Non
         i = int(holes[0])
         raise InputError(
             "recording",
-            recording.name,
+            recording.source,
             f"has a gap before cycle {cycle[i]} ({chunk.missed[i]} items lost): what the kernel "
             "took there is not known",
         )
     taken = cycle[chunk.frames["collected"] == 1]
     if not np.array_equal(taken, chunk.commands["cycle"].astype(np.int64)):
-        raise InputError("recording", recording.name, "has cycles whose command is missing")
+        raise InputError("recording", recording.source, "has cycles whose command is missing")
 
 
 def _difference(recorded: Any, replayed: Any) -> Difference:

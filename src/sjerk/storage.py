@@ -11,14 +11,16 @@ Never here: what a column means.
 from __future__ import annotations
 
 import importlib
+import os
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Protocol
+from typing import IO, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sjerk.errors import ExtraMissingError, InputError
+from sjerk.errors import ConfigError, ExtraMissingError, InputError
 
 #: Columns by table. "frames" has one row per cycle; all have a column ``cycle``.
 Tables = dict[str, dict[str, NDArray[Any]]]
@@ -50,8 +52,37 @@ def writer(path: Path, description: str) -> Writer:
     return made
 
 
+@contextmanager
+def decoding(path: Path) -> Iterator[None]:
+    """Around all that is made of the bytes of a file: every fault of theirs names the file.
+
+    Decoders meet damaged bytes with exceptions of any type, so any but those that are known to be
+    of something else becomes an InputError of ``file``.
+    """
+    try:
+        yield
+    except (ConfigError, ExtraMissingError):
+        raise
+    except InputError as fault:
+        if fault.field == "file":
+            raise
+        raise InputError("file", str(path), f"is damaged: {fault}") from fault
+    except Exception as fault:
+        if isinstance(fault, OSError) and fault.errno is not None:  # of the system, not of pyarrow
+            raise
+        why = f"is damaged: {type(fault).__name__}: {_line(fault)}"
+        raise InputError("file", str(path), why) from fault
+
+
+def _line(fault: Exception) -> str:
+    return str(fault).partition("\n")[0]
+
+
 def reader(path: Path) -> Reader:
-    """A reader by the suffix of the file; raises InputError, OSError."""
+    """A reader by the suffix of the file; raises InputError, OSError.
+
+    To be used within ``decoding``.
+    """
     kinds: dict[str, Any] = {".parquet": _ParquetReader, ".mcap": _McapReader}
     if not path.exists():
         raise InputError("file", str(path), "does not exist")
@@ -141,6 +172,7 @@ class _ParquetWriter:
                 schema,
                 compression="zstd",
                 compression_level=1,
+                write_page_checksum=True,
                 use_dictionary=[f"{n}.list.element" for n in whole] + whole,
             )
         self._file.write_table(arrow.cast(self._file.schema), row_group_size=len(frames["cycle"]))
@@ -154,10 +186,13 @@ class _ParquetReader:
     def __init__(self, path: Path) -> None:
         self._pa, parquet = _library("pyarrow"), _library("pyarrow.parquet")
         try:
-            self._file = parquet.ParquetFile(path)
+            self._file = parquet.ParquetFile(path, page_checksum_verification=True)
             self.description = self._file.schema_arrow.metadata[_KEY].decode()
-        except (self._pa.ArrowInvalid, KeyError, TypeError) as fault:
-            why = f"is no recording, or has no end: {fault}"
+        except self._pa.ArrowInvalid as fault:
+            why = f"is no recording, or has no end: {_line(fault)}"
+            raise InputError("file", str(path), why) from None
+        except (KeyError, TypeError):
+            why = "is no recording of sjerk: it has no metadata 'sjerk'"
             raise InputError("file", str(path), why) from None
 
     def tables(self) -> Iterator[Tables]:
@@ -232,7 +267,9 @@ class _McapWriter:
     def __init__(self, path: Path, description: str) -> None:
         module = _library("mcap.writer")
         self._stream = path.open("wb")
-        self._file = module.Writer(self._stream, compression=module.CompressionType.ZSTD)
+        self._file = module.Writer(
+            self._stream, compression=module.CompressionType.ZSTD, enable_data_crcs=True
+        )
         self._file.start(profile="", library="sjerk")
         self._file.add_metadata("sjerk", {"description": description})
         self._channels: dict[str, tuple[int, np.dtype[Any]]] = {}
@@ -274,6 +311,24 @@ class _McapWriter:
         self._stream.close()
 
 
+class _Whole:
+    """A file that ends where it cannot give all that is asked for; how much is asked for nothing.
+
+    ``mcap`` takes what is left for the whole, and lengths in a damaged file can be anything.
+    """
+
+    def __init__(self, file: IO[bytes], end: type[Exception]) -> None:
+        self._file, self._end = file, end
+        self._left = os.fstat(file.fileno()).st_size
+
+    def read(self, size: int) -> bytes:
+        """So many bytes; raises what stands for the end where there are fewer."""
+        if size > self._left:
+            raise self._end
+        self._left -= size
+        return self._file.read(size)
+
+
 class _McapReader:
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -283,29 +338,32 @@ class _McapReader:
         with path.open("rb") as file:
             if file.read(len(_MAGIC)) != _MAGIC:
                 raise InputError("file", str(path), "is no MCAP file")
-        try:
-            for record in self._records():
-                if isinstance(record, self._kinds.Metadata) and record.name == "sjerk":
-                    description = record.metadata["description"]
-                    break
-        except self._faults.McapError as fault:
-            raise InputError("file", str(path), f"is no recording: {fault}") from None
+        for record in self._records():
+            if isinstance(record, self._kinds.Metadata) and record.name == "sjerk":
+                description = record.metadata["description"]
+                break
         if description is None:
             raise InputError("file", str(path), "is no recording of sjerk")
         self.description = description
 
     def _records(self) -> Iterator[Any]:
-        """Every record, also of a file without an end."""
+        """Every record, also of a file without an end; what is checked by checksums is."""
+        end = self._faults.EndOfFile
         with self._path.open("rb") as file:
             try:
-                yield from self._stream.StreamReader(file).records
-            except self._faults.EndOfFile:
-                return  # its writer died; what came before is whole
+                yield from self._stream.StreamReader(_Whole(file, end), validate_crcs=True).records
+            except end:
+                file.seek(-len(_MAGIC), os.SEEK_END)
+                if file.read() == _MAGIC:
+                    why = "is damaged: a length in it leads beyond its end"
+                    raise InputError("file", str(self._path), why) from None
+                return  # its writer died, or it was cut; what came before is whole
 
     def tables(self) -> Iterator[Tables]:
         schemas: dict[int, Any] = {}
         known: dict[int, tuple[str, np.dtype[Any]]] = {}
         rows: dict[str, list[bytes]] = {}
+        begun: list[tuple[str, bytes]] = []  # of a cycle whose frame is still to come
         for record in self._records():
             if isinstance(record, self._kinds.Schema):
                 schemas[record.id] = record
@@ -314,8 +372,13 @@ class _McapReader:
                 known[record.id] = record.topic.rpartition("/")[2], _dtype(text)
             elif isinstance(record, self._kinds.Message):
                 name = known[record.channel_id][0]
-                rows.setdefault(name, []).append(record.data)
-                if name == FRAMES and len(rows[FRAMES]) >= _ROWS:
+                begun.append((name, record.data))
+                if name != FRAMES:
+                    continue
+                for which, data in begun:
+                    rows.setdefault(which, []).append(data)
+                begun.clear()
+                if len(rows[FRAMES]) >= _ROWS:
                     yield self._cut(rows, known)
         if rows.get(FRAMES):
             yield self._cut(rows, known)
@@ -325,6 +388,9 @@ class _McapReader:
     ) -> Tables:
         found: Tables = {}
         for name, kind in known.values():
-            table = np.frombuffer(b"".join(rows.pop(name, [])), kind)
+            messages = rows.pop(name, [])
+            table = np.frombuffer(b"".join(messages), kind)
+            if len(table) != len(messages):
+                raise InputError(name, len(table), f"must be {len(messages)} messages")
             found[name] = {column: table[column] for column in kind.names or () if column != "cdr"}
         return found

@@ -20,6 +20,7 @@ from typing import Any, Protocol
 
 from sjerk.cia402 import MOTORS, Drive, DriveConfig, Fault, State
 from sjerk.device import Device
+from sjerk.errors import ExtraMissingError
 from sjerk.objects import DISABLED, PDOS, Abort, SdoError, entry
 
 INITIALISING, STOPPED, OPERATIONAL, PRE_OPERATIONAL = 0x00, 0x04, 0x05, 0x7F
@@ -417,9 +418,8 @@ def run(arguments: argparse.Namespace) -> int:
     """Be a CANopen drive until SIGINT or SIGTERM; returns the exit code."""
     try:
         import can
-    except ImportError:
-        print("sjerk drive needs python-can: pip install 'sjerk[canopen]'", file=sys.stderr)
-        return 2
+    except ImportError as fault:
+        raise ExtraMissingError("can", "canopen") from fault
     if not 1 <= arguments.node <= 127:
         print(f"--node {arguments.node} is outside 1 .. 127", file=sys.stderr)
         return 2
