@@ -16,6 +16,7 @@ TESTS = Path(__file__).parent
 CHOSEN = [
     *(str(TESTS / name) for name in ("test_profile.py", "test_kernel.py", "test_interpolator.py")),
     *(str(TESTS / name) for name in ("test_following.py", "test_ahead.py", "test_pace.py")),
+    *(str(TESTS / name) for name in ("test_hold.py", "test_rehearsal.py")),
     *(str(path) for path in sorted(TESTS.glob("test_queue*.py"))),
     *(str(path) for path in sorted(TESTS.glob("test_cia402*.py"))),
     *(str(path) for path in sorted(TESTS.glob("test_servo*.py"))),
@@ -36,14 +37,27 @@ def library(name: str) -> str | None:
     return found if os.path.isabs(found) else None
 
 
-def test_c_core_is_clean_under_asan_and_ubsan(tmp_path: Path) -> None:
-    """No overrun, no undefined behaviour in anything that the chosen tests do."""
-    asan = library("libasan.so")
-    if asan is None:
+@pytest.fixture(scope="module")
+def asan() -> str:
+    """The library to preload."""
+    found = library("libasan.so")
+    if found is None:
         pytest.skip("the compiler has no libasan")
-    build(tmp_path)
+    return found
+
+
+@pytest.fixture(scope="module")
+def built(asan: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of the package with sanitizers."""
+    folder = tmp_path_factory.mktemp("sanitized")
+    build(folder)
+    return folder
+
+
+def test_c_core_is_clean_under_asan_and_ubsan(asan: str, built: Path) -> None:
+    """No overrun, no undefined behaviour in anything that the chosen tests do."""
     run = subprocess.run(
-        [sys.executable, str(TESTS / "sanitized.py"), str(tmp_path), *CHOSEN],
+        [sys.executable, str(TESTS / "sanitized.py"), str(built), *CHOSEN],
         env={
             **os.environ,
             "LD_PRELOAD": asan,
@@ -60,16 +74,12 @@ def test_c_core_is_clean_under_asan_and_ubsan(tmp_path: Path) -> None:
     assert " passed" in run.stdout
 
 
-def test_the_sanitizers_are_seen_to_bite(tmp_path: Path) -> None:
+def test_the_sanitizers_are_seen_to_bite(asan: str, built: Path) -> None:
     """An overrun in the same build does end the program: the check above can fail."""
-    asan = library("libasan.so")
-    if asan is None:
-        pytest.skip("the compiler has no libasan")
-    build(tmp_path)
     program = (
         "import sys; sys.meta_path[:] = [f for f in sys.meta_path "
         "if 'editable' not in type(f).__module__]; "
-        f"sys.path.insert(0, {str(tmp_path)!r}); from sjerk._binding import ffi, lib; "
+        f"sys.path.insert(0, {str(built)!r}); from sjerk._binding import ffi, lib; "
         "plan = ffi.new('sj_plan *'); plan.cycles = 3; t = ffi.new('sj_table *'); "
         "c = ffi.new('double[2]'); t.rows = 4000; "
         "t.time = t.position = t.velocity = t.acceleration = t.jerk = c; "
