@@ -29,6 +29,8 @@ HEADERS = (
     "cycle/_trace_items.h",
     "cycle/_state.h",
     "kernel/_clock.h",
+    "ports/ethercat/_esc.h",
+    "ports/ethercat/_wire.h",
 )
 C_ONLY = "/* For C only. */"
 

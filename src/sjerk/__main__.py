@@ -21,6 +21,7 @@ from sjerk.errors import (
 )
 from sjerk.handshake import clean
 from sjerk.ports.canopen import node
+from sjerk.ports.ethercat import command as ethercat
 from sjerk.trajectory.trajectory import shipped_recording
 
 _EPILOG = (__doc__ or "").partition("\n\n")[2]
@@ -50,9 +51,10 @@ def arguments() -> argparse.ArgumentParser:
     job = jobs.add_parser("clean", help="remove the segments of kernels that are dead")
     job.add_argument("--dry-run", action="store_true", help="list, remove nothing")
     job.set_defaults(run=_clean)
-    job = jobs.add_parser("drive", help="be a simulated CiA 402 drive on a CANopen bus")
+    job = jobs.add_parser("drive", help="be simulated CiA 402 drives on CANopen or EtherCAT")
     node.add_arguments(job)
-    job.set_defaults(run=node.run)
+    ethercat.add_arguments(job)
+    job.set_defaults(run=lambda o: ethercat.run(o) if ethercat.wanted(o) else node.run(o))
     return parser
 
 
