@@ -195,6 +195,31 @@ def test_the_last_mail_is_repeated_when_it_is_asked_for() -> None:
         assert bench.fetch(0) == first
 
 
+@pytest.mark.parametrize("lost", range(4))
+def test_a_lost_fragment_is_repeated_and_those_behind_it_follow(lost: int) -> None:
+    """The list of objects in fragments; one of them never arrives and is asked for again."""
+    bench = preop()
+    body = struct.pack("<HBBHH", 0x8000, 1, 0, 0, 1)
+    asking = struct.pack("<HHBB", len(body), 0, 0, 0x13) + body
+    bench.post(0, asking)
+    whole = []
+    while (mail := bench.fetch(0)) is not None:
+        whole.append(mail[6:])
+    assert len(whole) == 2  # 95 objects
+    bench.post(0, asking)
+    got, toggle = [], 0
+    for number in range(len(whole)):
+        mail = bench.fetch(0)
+        if number == lost or lost == 3:  # the main device did not get it
+            toggle ^= 2
+            bench.write(0, 0x080E, bytes((1 | toggle,)))
+            mail = bench.fetch(0)
+        assert mail is not None
+        got.append(mail[6:])
+    assert got == whole
+    assert bench.fetch(0) is None
+
+
 def test_mails_of_the_device_count_from_1_to_7() -> None:
     """The counter that main devices use to tell a new mail from a repeated one."""
     bench = preop()

@@ -14,7 +14,7 @@ from typing import NamedTuple
 from sjerk.ports.ethercat.behaviours import Behaviour
 from sjerk.ports.ethercat.dictionary import REVISION, VENDOR, Dictionary, pack_word
 
-SIZE = 4096
+SIZE = 2048
 """Bytes of the memory."""
 _STRINGS, _GENERAL, _FMMU, _SM, _TXPDO, _RXPDO, _DC = 10, 30, 40, 41, 50, 51, 60
 _NOBODY = 0xFF
@@ -73,6 +73,7 @@ def sii(dictionary: Dictionary, behaviour: Behaviour, *, serial: int, alias: int
         _category(_DC, clocks),
     )
     data = b"".join(parts)
+    assert len(data) + 2 <= SIZE, "the end FFFFh fits too"
     return data.ljust(SIZE, b"\xff")
 
 

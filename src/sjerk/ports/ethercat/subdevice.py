@@ -114,7 +114,8 @@ class Subdevice:
         esc.output_ns = esc.period_next_ns = now
         esc.events = esc.silent = esc.fresh = 0
         self._queue: deque[bytes] = deque()
-        self._last: bytes | None = None
+        self._posted: bytes | None = None  # in SM1
+        self._read: bytes | None = None  # before it
         self._counter = 0
         self._mail_waits = False
         self._waiting: Waiting | None = None
@@ -159,12 +160,13 @@ class Subdevice:
         events, self._esc.events = self._esc.events, 0
         if events & lib.SJ_ESC_AL_CONTROL:
             self._request(self._get("<H", _AL_CONTROL), now)
+        if events & lib.SJ_ESC_MAIL_READ:
+            self._read, self._posted = self._posted or self._read, None
+            self._pump()
         if events & lib.SJ_ESC_REPEAT:
             self._repeat()
         if events & lib.SJ_ESC_MAIL:
             self._mail_waits = True
-        if events & lib.SJ_ESC_MAIL_READ:
-            self._pump()
         if self._mail_waits:
             self._take_mail()
         if events & lib.SJ_ESC_WATCHDOG and self.state is AlState.OP:
@@ -232,7 +234,8 @@ class Subdevice:
             lib.sj_esc_open(esc, 0)
         if state is AlState.INIT:
             self._queue.clear()
-            self._last, self._mail_waits = None, False
+            self._posted = self._read = None
+            self._mail_waits = False
             self._registers[_SM + 5] = self._registers[_SM + 13] = b"\0"
             self._coe = CoeServer(self.dictionary, mailbox=self.behaviour.mailbox)
         if before is AlState.OP and state is not AlState.OP:
@@ -434,18 +437,20 @@ class Subdevice:
         assert len(mail) - HEADER <= length - HEADER, "every answer fits the mailbox"
         self._registers[start : start + length] = mail.ljust(length, b"\0")
         self._registers[_SM + 13] = bytes((self._registers[_SM + 13][0] | _FULL | _WRITTEN,))
-        self._last = mail
+        self._posted = mail
 
     def _repeat(self) -> None:
-        """080Eh bit 1 toggled: the last mail once more; 080Fh bit 1 follows."""
+        """080Eh bit 1 toggled: the mail that was read last once more; 080Fh bit 1 follows.
+
+        Its reader never got it. A mail that already waits in SM1 goes out after it.
+        """
         asked, done = self._registers[_SM + 14][0] & 2, self._registers[_SM + 15][0] & 2
         if asked == done:
             return
-        if self._last is not None:
-            if self._registers[_SM + 13][0] & _FULL:  # not read yet: it goes out as it is
-                pass
-            else:
-                self._post(self._last)
+        if self._read is not None:
+            if self._posted is not None:
+                self._queue.appendleft(self._posted)
+            self._post(self._read)
         self._registers[_SM + 15] = bytes((self._registers[_SM + 15][0] & ~2 | asked,))
 
     # ---- inside ----

@@ -1,0 +1,74 @@
+"""Unmodified EtherCAT main devices judge the emulated drives: ``./run test-ethercat``, ``./run judges``.
+
+Each judge is a program of its own beside the emulator's process, both on a pair of virtual cables in a
+network namespace of their own, without root. A machine that refuses namespaces skips with its reason.
+A judge whose software is missing fails: the environment is to have it.
+"""
+
+from __future__ import annotations
+
+import functools
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+JUDGES = Path(__file__).with_name("judges")
+CABLE = (
+    "ip link add ecm type veth peer name ecs && ip link set lo up && "
+    "for i in ecm ecs; do "
+    "sysctl -qw net.ipv6.conf.$i.disable_ipv6=1 2>/dev/null; ip link set $i up || exit 1; done"
+)
+NAMESPACE = ["unshare", "-Urn", "sh", "-c"]
+#: Which judges this environment has: those of the permissive licences, or the others too.
+GROUP = os.environ.get("SJERK_JUDGES", "permissive")
+
+CHECKS = {
+    "pysoem": (
+        "scan", "transfers", "segments", "refused accesses", "object dictionary", "SII",
+        "refusal 11h", "refusal 12h", "refusal 13h", "Safe-operational", "Operational",
+        "operation enabled", "targets", "SDO beside", "fault and emergency", "watchdog", "clocks",
+        "end",
+    ),
+    "kickcat": ("scan", "SDO", "mapping", "Operational", "targets", "end"),
+    "ebpfcat": ("scan", "SII", "dictionary"),
+}  # fmt: skip
+RUNS = {
+    "permissive": [("pysoem", 1), ("pysoem", 2), ("pysoem", 7), ("kickcat", 2), ("kickcat", 7)],
+    "copyleft": [("ebpfcat", 1), ("ebpfcat", 2)],
+}
+ROWS = [(*run, check) for run in RUNS[GROUP] for check in CHECKS[run[0]]]
+
+
+@pytest.fixture(scope="session")
+def cable() -> None:
+    """A namespace with a cable can be had here."""
+    try:
+        made = subprocess.run([*NAMESPACE, CABLE], capture_output=True, text=True)
+    except FileNotFoundError as error:
+        pytest.skip(f"no unshare: {error}")
+    if made.returncode:
+        pytest.skip(f"no network namespace with a pair of cables: {made.stderr.strip()}")
+
+
+@functools.cache
+def verdict(name: str, drives: int) -> dict[str, str]:
+    """What became of every check of a judge: "" or where it failed."""
+    program = f'"{sys.executable}" "{JUDGES / name}_judge.py" {drives}'
+    done = subprocess.run(
+        [*NAMESPACE, f"{CABLE} && exec {program}"], capture_output=True, text=True, timeout=240
+    )
+    lines = [line for line in done.stdout.splitlines() if line.startswith("{")]
+    assert lines, f"{name} said nothing: {done.stdout[-2000:]}{done.stderr[-4000:]}"
+    return json.loads(lines[-1])
+
+
+@pytest.mark.usefixtures("cable")
+@pytest.mark.parametrize(("name", "drives", "check"), ROWS)
+def test_an_unmodified_main_device_is_satisfied(name: str, drives: int, check: str) -> None:
+    """One check of one judge on a line of so many drives."""
+    outcome = verdict(name, drives)[check]
+    assert not outcome, outcome
