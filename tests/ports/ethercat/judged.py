@@ -10,12 +10,14 @@ from __future__ import annotations
 import functools
 import json
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
+LONGEST_S = 100
 JUDGES = Path(__file__).with_name("judges")
 CABLE = (
     "ip link add ecm type veth peer name ecs && ip link set lo up && "
@@ -55,15 +57,33 @@ def cable() -> None:
 
 
 @functools.cache
+def _first() -> list[str]:
+    """Before other programs of the machine, where that is allowed: main devices have deadlines."""
+    command = ["nice", "-n", "-15"]
+    done = subprocess.run([*command, "true"], capture_output=True)
+    return command if done.returncode == 0 and not done.stderr else []
+
+
+@functools.cache
 def verdict(name: str, drives: int) -> dict[str, str]:
     """What became of every check of a judge: "" or where it failed."""
     program = f'"{sys.executable}" "{JUDGES / name}_judge.py" {drives}'
-    done = subprocess.run(
-        [*NAMESPACE, f"{CABLE} && exec {program}"], capture_output=True, text=True, timeout=240
-    )
-    lines = [line for line in done.stdout.splitlines() if line.startswith("{")]
-    assert lines, f"{name} said nothing: {done.stdout[-2000:]}{done.stderr[-4000:]}"
-    return json.loads(lines[-1])
+    with subprocess.Popen(
+        [*_first(), *NAMESPACE, f"{CABLE} && exec {program}"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        start_new_session=True,
+    ) as process:
+        try:
+            said = process.communicate(timeout=LONGEST_S)[0]
+        except subprocess.TimeoutExpired:
+            os.killpg(process.pid, signal.SIGKILL)
+            said = f"it did not end within {LONGEST_S} s"
+    lines = [line for line in said.splitlines() if line.startswith("{")]
+    if lines:
+        return dict(json.loads(lines[-1]))
+    return dict.fromkeys(CHECKS[name], f"{name} said: {said[-4000:]}")
 
 
 @pytest.mark.usefixtures("cable")

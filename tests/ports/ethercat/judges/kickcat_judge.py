@@ -16,12 +16,13 @@ STEPS = {0x40: 0x06, 0x21: 0x07, 0x23: 0x0F, 0x27: 0x0F}
 
 wire = Wire(DRIVES)
 link = kickcat.create_link(MAIN, "")
-link.set_timeout(0.1)
+link.set_timeout(0.02)  # without a second interface every read of the SII waits so long
 bus = kickcat.Bus(link)
 
 
 def scan() -> None:
-    bus.init(0.005)
+    bus.init(2.0)  # the watchdog of the outputs
+    link.set_timeout(0.5)
     assert len(bus.slaves()) == DRIVES
 
 
@@ -61,7 +62,7 @@ def targets() -> None:
     started: dict[int, int] = {}
     sent = 0
     end = time.monotonic() + 60
-    while sent < 1100:
+    while sent < 2500:  # the motion takes 1000, then friction lets go
         assert time.monotonic() < end, [hex(IN.unpack(d.input_data)[0]) for d in bus.slaves()]
         cycle()
         words = [IN.unpack(drive.input_data) for drive in bus.slaves()]

@@ -5,8 +5,10 @@ Environment: ``SJERK_PYTHON_UNDER_TEST`` the interpreter that has sjerk (default
 
 from __future__ import annotations
 
+import ctypes
 import json
 import os
+import signal
 import subprocess
 import sys
 import tempfile
@@ -29,7 +31,7 @@ class Wire:
         self._process = subprocess.Popen(
             [_PYTHON, "-m", "sjerk", "drive", "--ethercat", LINE, "--drives", str(drives),
              "--control", str(self._control), *options],
-            stdout=subprocess.PIPE, text=True,
+            stdout=subprocess.PIPE, text=True, preexec_fn=_end_with_parent,
         )  # fmt: skip
         self.told: list[str] = []
         assert self._process.stdout is not None
@@ -63,6 +65,11 @@ class Wire:
         self._process.wait(timeout=10)
         self._reader.join(timeout=10)
         self._folder.cleanup()
+
+
+def _end_with_parent() -> None:
+    """The emulator does not outlive its judge (PR_SET_PDEATHSIG)."""
+    ctypes.CDLL(None).prctl(1, signal.SIGKILL)
 
 
 def judge(checks: dict[str, Callable[[], object]]) -> None:
