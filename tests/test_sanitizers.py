@@ -20,6 +20,7 @@ CHOSEN = [
     *(str(path) for path in sorted(TESTS.glob("test_queue*.py"))),
     *(str(path) for path in sorted(TESTS.glob("test_cia402*.py"))),
     *(str(path) for path in sorted(TESTS.glob("test_servo*.py"))),
+    str(TESTS / "ports" / "ethercat"),
     "-k",
     "not process and not killed and not leaving and not second_host and not million "
     "and not 10000000 and not random_ways and not panda and not shipped "

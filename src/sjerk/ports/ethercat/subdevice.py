@@ -21,7 +21,7 @@ from sjerk.ports.ethercat.behaviours import Behaviour
 from sjerk.ports.ethercat.coe import HEADER, CoeServer, Mail
 from sjerk.ports.ethercat.dictionary import Dictionary, Layout, Mapped
 from sjerk.ports.ethercat.servo import WireDevice, word_of
-from sjerk.ports.ethercat.sii import areas, sii
+from sjerk.ports.ethercat.sii import Area, areas, sii
 from sjerk.ports.ethercat.states import ERROR, AlCode, AlState, refusal
 
 OP_TIMEOUT_NS = 5_000_000_000
@@ -152,6 +152,11 @@ class Subdevice:
     def busy(self) -> bool:
         """Whether `poll` has something to do now and then."""
         return self._waiting is not None or bool(self._slow[1])
+
+    def process_areas(self) -> tuple[Area, Area]:
+        """SM2 and SM3 as the present mapping wants them; `SdoError` when it is none."""
+        _, _, outputs, inputs = areas(self.dictionary, self.behaviour)
+        return outputs, inputs
 
     # ---- the wire did something ----
 
