@@ -14,7 +14,7 @@ NOP, APRD, APWR, APRW, FPRD, FPWR, FPRW, BRD, BWR, BRW, LRD, LWR, LRW, ARMW, FRM
 MS = 1_000_000
 
 
-class SdoAbort(Exception):
+class SdoAbortError(Exception):
     """The device refused an access."""
 
     def __init__(self, code: int) -> None:
@@ -22,7 +22,7 @@ class SdoAbort(Exception):
         self.code = code
 
 
-class MailFault(Exception):
+class MailFaultError(Exception):
     """The device did not understand a mail."""
 
     def __init__(self, code: int) -> None:
@@ -209,13 +209,13 @@ class Bench:
         mail = self.fetch(k)
         assert mail is not None, "no answer"
         if mail[5] & 15 == 0:
-            raise MailFault(struct.unpack_from("<H", mail, 8)[0])
+            raise MailFaultError(struct.unpack_from("<H", mail, 8)[0])
         return mail[6:]
 
     def sdo(self, k: int, body: bytes) -> bytes:
         answer = self.ask(k, struct.pack("<H", 0x2000) + body)
         if answer[2] == 0x80:
-            raise SdoAbort(struct.unpack_from("<I", answer, 6)[0])
+            raise SdoAbortError(struct.unpack_from("<I", answer, 6)[0])
         assert answer[1] >> 4 == 3
         return answer[2:]
 
@@ -263,7 +263,7 @@ class Bench:
         while True:
             code, _, left = struct.unpack_from("<BBH", answer, 2)
             if code & 0x7F == 7:
-                raise SdoAbort(struct.unpack_from("<I", answer, 6)[0])
+                raise SdoAbortError(struct.unpack_from("<I", answer, 6)[0])
             assert code & 0x7F == opcode + 1
             data += answer[6:]
             assert bool(code & 0x80) == (left > 0)

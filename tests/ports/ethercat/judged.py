@@ -1,8 +1,8 @@
-"""Unmodified EtherCAT main devices judge the emulated drives: ``./run test-ethercat``, ``./run judges``.
+"""Unmodified EtherCAT main devices judge the drives: ``./run test-ethercat``, ``./run judges``.
 
-Each judge is a program of its own beside the emulator's process, both on a pair of virtual cables in a
-network namespace of their own, without root. A machine that refuses namespaces skips with its reason.
-A judge whose software is missing fails: the environment is to have it.
+Each judge is a program of its own beside the emulator's process, both on a pair of virtual cables
+in a network namespace of their own, without root. A machine that refuses namespaces skips with its
+reason. A judge whose software is missing fails: the environment is to have it.
 """
 
 from __future__ import annotations

@@ -5,10 +5,10 @@ from __future__ import annotations
 import struct
 
 import pytest
+from ethercat_bench import BWR, FRMW, MS, Bench
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ethercat_bench import BWR, FRMW, MS, Bench
 from sjerk.ports.ethercat import BEHAVIOURS, Behaviour
 
 HOP = 700
@@ -45,7 +45,7 @@ def test_receive_times_give_the_delay_of_every_hop(count: int) -> None:
 
 @pytest.mark.parametrize("ppm", [0.0, 20.0, 60.0, 300.0])
 def test_clocks_follow_the_reference(ppm: float) -> None:
-    """Clocks that are twice as much apart stay within 100 ns once the loop has settled; so 092Ch."""
+    """Clocks that are twice as much apart stay within 100 ns once the loop has settled."""
     bench = Bench(drives=3, drift_ppm=ppm, hop_ns=HOP)
     set_clocks(bench)
     for _ in range(8000):
@@ -76,8 +76,9 @@ def test_many_frames_at_once_settle_the_loop() -> None:
     assert struct.unpack("<I", bench.read(1, 0x092C, 4))[0] & 0x7FFFFFFF < 200
 
 
-@given(st.binary(min_size=8, max_size=8), st.binary(min_size=8, max_size=8), st.integers(0, 2**32 - 1),
-       st.integers(0, 2**32 - 1), st.sampled_from([0, 1, 3, 5, 7]), st.booleans())  # fmt: skip
+@given(st.binary(min_size=8, max_size=8), st.binary(min_size=8, max_size=8),
+       st.integers(0, 2**32 - 1), st.integers(0, 2**32 - 1), st.sampled_from([0, 1, 3, 5, 7]),
+       st.booleans())  # fmt: skip
 def test_any_times_on_the_wire_do_no_harm(
     offset: bytes, start: bytes, cycle0: int, cycle1: int, activation: int, wide: bool
 ) -> None:
@@ -210,8 +211,8 @@ def test_every_behaviour_follows_its_targets_and_the_deaf_one_does_not_without_s
     bench.to_preop(0)
     bench.download(0, 0x6060, 0, b"\x08")
     bench.to_op(0, sync0=sync0, sync1=sync1)
-    out = {index: at for index, at in places(kind.rx_pdos, kind.rx_assigned)}
-    inp = {index: at for index, at in places(kind.tx_pdos, kind.tx_assigned)}
+    out = dict(places(kind.rx_pdos, kind.rx_assigned))
+    inp = dict(places(kind.tx_pdos, kind.tx_assigned))
     size, status, position, sent = bench.layout[0][1], 0, 0, 0
     for _ in range(2000):
         word = {0x40: 6, 0x21: 7, 0x23: 15, 0x27: 15}.get(status & 0x6F, 0)

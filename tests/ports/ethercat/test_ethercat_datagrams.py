@@ -5,13 +5,30 @@ from __future__ import annotations
 import struct
 
 import pytest
+from ethercat_bench import (
+    APRD,
+    APRW,
+    APWR,
+    ARMW,
+    BRD,
+    BRW,
+    BWR,
+    FPRD,
+    FPRW,
+    FPWR,
+    FRMW,
+    LRD,
+    LRW,
+    LWR,
+    MS,
+    NOP,
+    Bench,
+    compose,
+    take_apart,
+)  # fmt: skip
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ethercat_bench import (
-    APRD, APRW, APWR, ARMW, BRD, BRW, BWR, FPRD, FPRW, FPWR, FRMW, LRD, LRW, LWR, MS, NOP, Bench,
-    compose, take_apart,
-)  # fmt: skip
 from sjerk.ports.ethercat import Line
 
 RAM = 0x1900  # process RAM that no SyncManager owns
@@ -46,8 +63,8 @@ TABLE = {
 def test_every_command_reads_writes_and_counts(command: int) -> None:
     """Read +1, written +1, read-write 3; a broadcast ORs; a multiple write spares the one it reads.
 
-    A multiple write gives those behind the addressed device what it read, those before what was sent;
-    a broadcast read-write gives each what had been gathered before it.
+    A multiple write gives those behind the addressed device what it read, those before it what was
+    sent; a broadcast read-write gives each what had been gathered before it.
     """
     address, wkc, data, written = TABLE[command]
     made = bench()
@@ -100,7 +117,9 @@ def test_logical_addresses_go_through_the_fmmus_bit_by_bit(data: st.DataObject) 
         physical, bit = data.draw(st.integers(RAM, RAM + 40)), data.draw(st.integers(0, 7))
         kind = data.draw(st.sampled_from([1, 2, 3]))
         made.fmmu(0, n, logical, length, physical, kind, (first, last, bit))
-        maps.append((logical * 8 + first, length * 8 - 8 - first + last + 1, physical * 8 + bit, kind))
+        maps.append(
+            (logical * 8 + first, length * 8 - 8 - first + last + 1, physical * 8 + bit, kind)
+        )
     command = data.draw(st.sampled_from([LRD, LWR, LRW]))
     origin = data.draw(st.integers(0x0FFC, 0x1012))
     sent = data.draw(st.binary(min_size=1, max_size=24))

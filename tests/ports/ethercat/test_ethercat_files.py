@@ -9,8 +9,8 @@ import xml.etree.ElementTree as Xml
 from pathlib import Path
 
 import pytest
-
 from ethercat_bench import Bench, compose
+
 from sjerk.__main__ import main
 from sjerk.errors import InputError
 from sjerk.ports.ethercat import BEHAVIOURS, Behaviour, Line
@@ -76,7 +76,11 @@ def test_sii_esi_and_dictionary_tell_the_same(behaviour: str) -> None:
 
     managers = [struct.unpack_from("<HHB", found[41], 8 * n) for n in range(4)]
     told = [
-        (number(sm.get("StartAddress")), number(sm.get("DefaultSize")), number(sm.get("ControlByte")))
+        (
+            number(sm.get("StartAddress")),
+            number(sm.get("DefaultSize")),
+            number(sm.get("ControlByte")),
+        )
         for sm in device.findall("Sm")
     ]
     assert told == managers
@@ -103,9 +107,7 @@ def test_sii_esi_and_dictionary_tell_the_same(behaviour: str) -> None:
         struct.unpack_from("<H", found[60], 24 * n + 14)[0] for n in range(len(activate))
     ]
 
-    types = {
-        t.findtext("Name"): t for t in device.findall("Profile/Dictionary/DataTypes/DataType")
-    }
+    types = {t.findtext("Name"): t for t in device.findall("Profile/Dictionary/DataTypes/DataType")}
     data = bench.information(0, 1, b"\1\0")
     indices = struct.unpack(f"<{len(data) // 2 - 1}H", data[2:])
     objects = device.findall("Profile/Dictionary/Objects/Object")

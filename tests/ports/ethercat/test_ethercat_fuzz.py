@@ -1,7 +1,7 @@
 """Random frames against a line with its states, mails and drives: nothing on the wire does harm.
 
-``SJERK_FUZZ_FRAMES`` sets how many, ``SJERK_FUZZ_SEED`` which. `test_sanitizers` runs this file again
-under ASan and UBSan.
+``SJERK_FUZZ_FRAMES`` sets how many, ``SJERK_FUZZ_SEED`` which. `test_sanitizers` runs this file
+again under ASan and UBSan.
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ import random
 import struct
 
 import pytest
-
 from ethercat_bench import FPRD, FPWR, LRW, MS, Bench, compose
+
 from sjerk.ports.ethercat import BEHAVIOURS, Line
 
 FRAMES = int(os.environ.get("SJERK_FUZZ_FRAMES", "30000"))
@@ -123,7 +123,7 @@ class Fuzz:
 
 @pytest.mark.parametrize("part", range(10))
 def test_no_frame_does_harm(part: int) -> None:
-    """No exception, no endless loop, states that exist, and a line that can be brought up afterwards."""
+    """No exception, no endless loop, states that exist, a line that can be brought up again."""
     fuzz = Fuzz(SEED * 1000 + part)
     line, draw = fuzz.line, fuzz.draw
     seen = set()

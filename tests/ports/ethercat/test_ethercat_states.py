@@ -6,7 +6,6 @@ import itertools
 import struct
 
 import pytest
-
 from ethercat_bench import MS, Bench
 
 INIT, PREOP, BOOT, SAFEOP, OP = 1, 2, 3, 4, 8
@@ -27,7 +26,7 @@ def bench_in(state: int) -> Bench:
 
 
 def expected(state: int, wanted: int) -> tuple[int, int]:
-    """ETG.1000.6: what a request of a state makes of 0130h and 0134h. Written as a table of words."""
+    """ETG.1000.6: what a request of a state makes of 0130h and 0134h, as a table."""
     steps = {
         (INIT, INIT), (INIT, PREOP),
         (PREOP, INIT), (PREOP, PREOP), (PREOP, SAFEOP),
@@ -121,7 +120,7 @@ def test_operational_is_refused_when_sync0_never_comes() -> None:
 
 def flaw(name: str, bench: Bench, outputs: int, inputs: int) -> None:
     """One mistake in an otherwise right configuration."""
-    out, out_length, inp, in_length = bench.mailbox(0)
+    out, _, inp, _ = bench.mailbox(0)
     start, end = 0x1800, 0x2400
     managers = {
         "outputs short": (2, start, outputs - 1, 0x64),
@@ -243,5 +242,7 @@ def test_no_process_data_below_safeop_no_mail_in_init() -> None:
     assert bench.exchange(0, b"").wkc == 0
     assert len(bench.upload(0, 0x1000, 0)) == 4
     bench.request(0, INIT)
-    bench.post(0, struct.pack("<HHBBH", 10, 0, 0, 0x13, 0x2000) + struct.pack("<BHB4x", 0x40, 0x1000, 0))
+    bench.post(
+        0, struct.pack("<HHBBH", 10, 0, 0, 0x13, 0x2000) + struct.pack("<BHB4x", 0x40, 0x1000, 0)
+    )
     assert bench.fetch(0) is None

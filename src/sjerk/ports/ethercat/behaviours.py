@@ -203,6 +203,9 @@ BEHAVIOURS: Mapping[str, Behaviour] = MappingProxyType(
         ),
     }
 )  # fmt: skip
-"""By name: `free` free mapping; `fixed` fixed PDOs, SYNC0 before Safe-operational; `sync1` a SYNC0 of
-62.5 us and SYNC1 as the cycle; `deaf` does not move without SYNC0; `maps` several small PDOs at once,
-a 32-bit clock."""
+"""By name.
+
+`free`: free mapping. `fixed`: fixed PDOs, SYNC0 before Safe-operational. `sync1`: a SYNC0 of
+62.5 us, SYNC1 as the cycle. `deaf`: does not move without SYNC0. `maps`: several small PDOs at
+once, a 32-bit clock.
+"""

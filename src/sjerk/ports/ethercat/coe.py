@@ -4,8 +4,8 @@
     CoE:   2 service << 12 | data
     SDO:   1 command | 2 index | 1 sub-index | 4 data or size | data
 
-`CoeServer.answer` is one mail in, the mails of the answer out. Transfers of more than a mail holds go
-in segments, one at a time. Counter and queue are the subdevice's.
+`CoeServer.answer` is one mail in, the mails of the answer out. Transfers of more than a mail holds
+go in segments, one at a time. Counter and queue are the subdevice's.
 
 Never here: what an object means, registers.
 """
@@ -251,7 +251,7 @@ class CoeServer:
         return head + thing.name.encode("ascii")
 
     def _describe_entry(self, index: int, sub: int, wanted: int) -> bytes:
-        """A hole below the highest sub-index is an empty entry: masters that walk the list go on."""
+        """A hole below the highest sub-index is an empty entry: who walks the list goes on."""
         try:
             row = self._dictionary.row(index, sub)
         except SdoError as error:

@@ -1,8 +1,9 @@
 """``sjerk drive --ethercat IF``: simulated drives on a network interface, and faults on demand.
 
-A control socket (``--control``, a datagram socket in the file system) takes the lines of ``--fault``:
-``cut 2``, ``heal``, ``power 6``, ``lose 50``, ``wkc 20``, ``late 10 500`` (us), ``state 3 0x14 0x1a``,
-``inject 0 OVER_CURRENT``, ``clear 0 OVER_CURRENT``, ``status``. The answer is a line of JSON.
+A control socket (``--control``, a datagram socket in the file system) takes the lines of
+``--fault``: ``cut 2``, ``heal``, ``power 6``, ``lose 50``, ``wkc 20``, ``late 10 500`` (us),
+``state 3 0x14 0x1a``, ``inject 0 OVER_CURRENT``, ``clear 0 OVER_CURRENT``, ``status``.
+The answer is a line of JSON.
 
 Never here: frames, states.
 """
@@ -20,7 +21,7 @@ import threading
 from collections.abc import Callable
 from pathlib import Path
 
-from sjerk.cia402 import MOTORS, DriveConfig, Fault
+from sjerk.cia402 import DriveConfig, Fault
 from sjerk.errors import SjerkError
 from sjerk.ports.ethercat.behaviours import BEHAVIOURS
 from sjerk.ports.ethercat.capture import InterfaceCapture
@@ -47,7 +48,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--drift-ppm", type=float, default=20.0, help="of the clocks (%(default)s)")
     group.add_argument("--alias", type=int, default=0, help="of the first drive, others count on")
     group.add_argument("--sii", type=Path, metavar="F", help="keep the SII in this file")
-    group.add_argument("--esi", type=Path, metavar="F.xml", help="write the ESI file; alone: no more")
+    group.add_argument(
+        "--esi", type=Path, metavar="F.xml", help="write the ESI file; alone: no more"
+    )
     group.add_argument("--capture", type=Path, metavar="F.pcapng", help="write every frame here")
     group.add_argument("--control", type=Path, metavar="SOCKET", help="take faults here")
     group.add_argument("--fault", metavar="WORDS", help='tell a running line: "cut 2", "status"')
@@ -80,8 +83,8 @@ def run(options: argparse.Namespace) -> int:
     if not options.ethercat:
         return 0
     ended = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: ended.set())
+    for ending in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(ending, lambda *_: ended.set())
     with contextlib.ExitStack() as stack:
         if options.capture:
             stack.enter_context(InterfaceCapture(options.ethercat, options.capture))

@@ -2,8 +2,9 @@
 
 Two parts: the drive's objects, shared with every other wire, and those that only EtherCAT knows:
 identity, PDO mapping 16xxh and 1Axxh, PDO assignment 1C12h and 1C13h, SyncManagers 1C00h,
-synchronisation 1C32h and 1C33h. Mapping and assignment can be changed in Pre-operational: sub-index 0
-to zero, the words, sub-index 0 to their number. `Dictionary.layout` tells what the process data are.
+synchronisation 1C32h and 1C33h. Mapping and assignment can be changed in Pre-operational:
+sub-index 0 to zero, the words, sub-index 0 to their number. `Dictionary.layout` tells what the
+process data are.
 
 Never here: mails, SyncManager registers.
 """
@@ -49,8 +50,8 @@ class Layout(NamedTuple):
 class Dictionary:
     """Every object of the subdevice by SDO, with the abort codes of CiA 301.
 
-    Values live in the drive's device or, for the objects of EtherCAT, here. `preop` says whether the
-    subdevice is in Pre-operational, where mappings may change.
+    Values live in the drive's device or, for the objects of EtherCAT, here. `preop` says whether
+    the subdevice is in Pre-operational, where mappings may change.
     """
 
     def __init__(self, device: WireDevice, behaviour: Behaviour, *, serial: int) -> None:
@@ -324,9 +325,7 @@ def _record(
     return Object(index, name, (head, *subs), code)
 
 
-def _counted(
-    index: int, name: str, words: Words, type_: Type, most: int, access: str
-) -> Object:
+def _counted(index: int, name: str, words: Words, type_: Type, most: int, access: str) -> Object:
     """An array whose sub-index 0 says how many of its words count."""
     head = Entry(index, 0, "Number", U8, access, "", len(words))
     values = (*words, *(0 for _ in range(most - len(words))))

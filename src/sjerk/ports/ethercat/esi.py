@@ -75,7 +75,9 @@ def esi(dictionary: Dictionary, behaviour: Behaviour, memory: bytes) -> str:
     _add(eeprom, "ByteSize", str(SIZE))
     _add(eeprom, "ConfigData", memory[:14].hex())
     Xml.indent(root, " ")
-    return '<?xml version="1.0" encoding="UTF-8"?>\n' + Xml.tostring(root, encoding="unicode") + "\n"
+    return (
+        '<?xml version="1.0" encoding="UTF-8"?>\n' + Xml.tostring(root, encoding="unicode") + "\n"
+    )
 
 
 def _add(parent: Xml.Element, tag: str, text: str = "", **attributes: str) -> Xml.Element:
@@ -145,7 +147,7 @@ def _dictionary(parent: Xml.Element, dictionary: Dictionary) -> None:
 
 
 def _record(parent: Xml.Element, name: str, thing: Object, dictionary: Dictionary) -> int:
-    """A type of several entries; returns its bits. Names are keys: those that repeat get numbers."""
+    """A type of several entries; returns its bits. Names are keys: repeated ones get numbers."""
     often = Counter(row.name for row in thing.entries)
     _add(parent, "Name", name)
     size = _add(parent, "BitSize")

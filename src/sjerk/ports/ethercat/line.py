@@ -57,9 +57,10 @@ class Line:
 
         `interface`: where they answer once the line is entered as a context or `run`; None: virtual
         time, `frame` and `advance`. `at`: increments of the encoders at the start. `drift_ppm`: the
-        clocks run so much too fast and too slow in turn. `alias`: of the first drive, the others count
-        on; 0 none. `memory`: a file that keeps the SII over power cycles. `capture`: frames in virtual
-        time (`sjerk.ports.ethercat.capture.InterfaceCapture` on an interface). Raises `InputError`.
+        clocks run so much too fast and too slow in turn. `alias`: of the first drive, the others
+        count on; 0 none. `memory`: a file that keeps the SII over power cycles. `capture`: frames
+        in virtual time (on an interface: `sjerk.ports.ethercat.capture.InterfaceCapture`). Raises
+        `InputError`.
         """
         if not 1 <= drives <= lib.SJ_ESC_LINE:
             raise InputError("drives", drives, f"must be 1 to {lib.SJ_ESC_LINE}")
@@ -158,7 +159,7 @@ class Line:
         self._do(lambda: self._connect(self._line.count))
 
     def power_cycle(self, number: int) -> None:
-        """Switch a device off and on: its state, clock and address are gone, its position is not."""
+        """Switch a device off and on: state, clock and address are gone, its position is not."""
         self._within("number", number, self._line.count - 1)
         self._do(lambda: self._power_up(number))
 
@@ -232,7 +233,7 @@ class Line:
             raise self._failure
 
     def run(self, stop: Callable[[], bool]) -> None:
-        """Answer on the interface in this thread until `stop()`; asked 50 times a second or more."""
+        """Answer on the interface in this thread until `stop()`; asked 50 times a second."""
         descriptor = self._open()
         try:
             self._answer(descriptor, stop)
@@ -281,7 +282,7 @@ class Line:
                 future, command = self._commands.get()
                 try:
                     future.set_result(command())
-                except Exception as error:  # noqa: BLE001 - goes to whoever asked
+                except Exception as error:
                     future.set_exception(error)
 
     def _serve(self, now: int) -> None:
@@ -313,7 +314,7 @@ class Line:
             raise InputError(field, value, f"must be 0 to {high}")
 
     def _connect(self, count: int) -> None:
-        """DL status 0110h: port 0 always has a neighbour, port 1 where the next device is reached."""
+        """DL status 0110h: port 0 is always linked, port 1 where the next device is reached."""
         before, self._line.cut = self._line.cut, count
         for k, esc in enumerate(self._escs):
             follows = k < count - 1

@@ -1,7 +1,7 @@
 """The drive and its dictionary, their words where the emulated subdevice controller has them.
 
-The controller runs the drive's periods in C. Between them, `WireDevice.pull` brings its words into the
-dictionary and `WireDevice.push` brings what an SDO wrote back.
+The controller runs the drive's periods in C. Between them, `WireDevice.pull` brings its words into
+the dictionary and `WireDevice.push` brings what an SDO wrote back.
 
 Never here: frames, CoE, states of the application layer.
 """

@@ -1,8 +1,8 @@
 """One emulated EtherCAT subdevice: its states, its mailbox, its drive.
 
-The controller in C tells what the wire did (`Subdevice.serve`), time is told by `Subdevice.poll`. On
-the way to Safe-operational the configuration is checked and it is decided what begins the periods:
-SYNC0, a buffer of outputs, or the local clock.
+The controller in C tells what the wire did (`Subdevice.serve`), time is told by `Subdevice.poll`.
+On the way to Safe-operational the configuration is checked and it is decided what begins the
+periods: SYNC0, a buffer of outputs, or the local clock.
 
 Never here: frames, what a mail means.
 """
@@ -195,9 +195,7 @@ class Subdevice:
         if fresh and synced:
             self._enter(AlState.OP, AlCode.NONE)
         elif now - waiting.until_ns >= 0:
-            self._enter(
-                AlState.SAFEOP, AlCode.NO_SYNC if fresh else AlCode.WATCHDOG, error=True
-            )
+            self._enter(AlState.SAFEOP, AlCode.NO_SYNC if fresh else AlCode.WATCHDOG, error=True)
 
     # ---- states ----
 
@@ -207,7 +205,7 @@ class Subdevice:
         if self.error and not acknowledged and wanted >= current:
             return
         self._waiting = None
-        code = refusal(current, wanted)
+        code: int = refusal(current, wanted)
         target = current if code else AlState(wanted)
         if not code and (current, target) == (AlState.INIT, AlState.PREOP):
             code = self._check_mailboxes()

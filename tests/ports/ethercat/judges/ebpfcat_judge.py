@@ -1,4 +1,4 @@
-"""ebpfcat, unmodified, reads SII and dictionary: ebpfcat_judge.py DRIVES. An own stack, a strict parser.
+"""ebpfcat, unmodified, reads SII and dictionary: ebpfcat_judge.py DRIVES.
 
 A program of its own: ebpfcat is under the GPL, no test imports it.
 """
@@ -11,7 +11,6 @@ from collections.abc import Coroutine
 from typing import Any
 
 from ebpfcat.ethercat import EtherCat, MachineState, ObjectEntry, Terminal
-
 from wire import MAIN, Wire, judge
 
 DRIVES = int(sys.argv[1])

@@ -1,4 +1,4 @@
-"""kickcat, unmodified, judges a line of drives: kickcat_judge.py DRIVES. An own stack, LRD and LWR."""
+"""kickcat, unmodified, judges a line of drives: kickcat_judge.py DRIVES. LRD and LWR."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import sys
 import time
 
 import kickcat
-
 from wire import MAIN, Wire, judge
 
 DRIVES = int(sys.argv[1])

@@ -7,7 +7,6 @@ import sys
 import time
 
 import pysoem
-
 from wire import MAIN, Wire, judge
 
 DRIVES = int(sys.argv[1])
@@ -69,9 +68,10 @@ def refused_accesses() -> None:
             else:
                 drives()[0].sdo_write(index, sub, data)
         except pysoem.SdoError as error:
-            assert error.abort_code == code, (hex(index), hex(error.abort_code))
+            told = error.abort_code
         else:
             raise AssertionError(f"{index:04X}h:{sub} was not refused")
+        assert told == code, (hex(index), hex(told))
 
 
 def object_dictionary() -> None:

@@ -1,4 +1,4 @@
-"""A line of emulated drives in a process of its own, for the judges; run inside a network namespace.
+"""A line of emulated drives in a process of its own, for the judges, in a network namespace.
 
 Environment: ``SJERK_PYTHON_UNDER_TEST`` the interpreter that has sjerk (default: this one).
 """
