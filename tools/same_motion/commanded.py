@@ -486,9 +486,9 @@ def executor(draw: Random, told: Told) -> None:
             on_result=lambda goal: told.event("result", goal.number, goal.status, goal.code),
         )
         goals: list[Any] = []
-        for _ in range(draw.randint(2, 9)):
+        for _ in range(draw.randint(3, 14)):
             order = draw.choice(
-                ["goal"] * 8 + ["cancel", "pause", "resume", "speed", "settings", "stop"]
+                ["goal"] * 12 + ["cancel", "pause", "resume", "speed", "settings", "stop"]
             )
             told.event("order", order)
             if order == "goal":
@@ -544,7 +544,9 @@ def _submit(
     made = way(draw, own, start, machine.cycle_time)
     shift = draw.choice([0.0, 0.0, draw.uniform(0.0, 1.0)])
     trajectory = Trajectory([names(n)[i] for i in chosen], made.time + shift, made.position)
-    stamp = draw.choice([0.0, 0.0, now, now + draw.uniform(0.0, 0.8), now - draw.uniform(0.0, 0.5)])
+    stamp = draw.choice(
+        [0.0, 0.0, now, now + draw.uniform(0.0, 0.8), now + 0.3, now - draw.uniform(0.0, 0.5)]
+    )
     goal = told.attempt(commander.submit, trajectory, stamp=max(stamp, 0.0))
     told.event("submitted", goal.number, goal.status, goal.code)
     return goal

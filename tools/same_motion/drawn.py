@@ -125,6 +125,10 @@ def way(draw: Random, own: list[Limits], start: list[float], period: float) -> T
             draw.uniform(1.0, 3.0) * np.pi * time / time[-1]
         )
         position = (ease * turns)[:, None] * np.array(size)
+    for k, (x, limit) in enumerate(zip(start, own, strict=True)):
+        if limit.position is not None and draw.random() < 0.95:  # else: maybe outside
+            room = 0.95 * max(0.0, min(limit.position[1] - x, x - limit.position[0]))
+            position[:, k] *= min(1.0, room / max(np.abs(position[:, k]).max(), 1e-300))
     if draw.random() < 0.5:  # as a file of such a plan has them
         unit = max(o.velocity for o in own)
         position = np.round(position / unit, 6) * unit
