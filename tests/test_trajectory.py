@@ -11,15 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sjerk import InputError, Limits
-from sjerk.trajectory.trajectory import (
-    ExecutionMode,
-    FaultKind,
-    RecordingError,
-    Trajectory,
-    TrajectoryError,
-    resample,
-    shipped_recording,
-)
+from sjerk.trajectory.faults import FaultKind, RecordingError, TrajectoryError
+from sjerk.trajectory.files import shipped_recording
+from sjerk.trajectory.trajectory import ExecutionMode, Trajectory, resample
 
 NAN = float("nan")
 TWO = ["a", "b"]
