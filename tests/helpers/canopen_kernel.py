@@ -1,7 +1,7 @@
 """A kernel as CANopen master in a process of its own, and its death: run in a bus of one's own.
 
-`-m helpers.canopen_kernel master GOAL OPTION` enables, moves, tells lines of JSON. With `judge OPTION`
-it starts a drive process and a master process, kills the master in mid-motion, looks on what the
+`-m helpers.canopen_kernel master GOAL OPTION` enables, moves, tells lines of JSON. `judge OPTION`
+starts a drive process and a master process, kills the master in mid-motion, looks on what the
 drive does, starts the next master, and prints one JSON object of what was seen.
 """
 
