@@ -34,7 +34,7 @@ class Access(NamedTuple):
     text: str
 
 
-def _private(name: str) -> bool:
+def _is_private(name: str) -> bool:
     return name.startswith("_") and not name.startswith("__") and name not in PUBLIC
 
 
@@ -52,7 +52,7 @@ class _Finder(ast.NodeVisitor):
 
     def visit_ImportFrom(self, node: ast.ImportFrom) -> None:
         for alias in node.names:
-            if _private(alias.name) and alias.name not in SHARED_MODULES:
+            if _is_private(alias.name) and alias.name not in SHARED_MODULES:
                 self._add(node, f"from {'.' * node.level}{node.module or ''} import {alias.name}")
 
     def visit_ClassDef(self, node: ast.ClassDef) -> None:
@@ -72,7 +72,7 @@ class _Finder(ast.NodeVisitor):
         self.own = before
 
     def visit_Attribute(self, node: ast.Attribute) -> None:
-        if _private(node.attr) and ast.unparse(node.value) not in self.own:
+        if _is_private(node.attr) and ast.unparse(node.value) not in self.own:
             self._add(node, ast.unparse(node))
         self.generic_visit(node)
 
@@ -121,17 +121,17 @@ def main() -> int:
     )
     parser.add_argument("paths", nargs="*", type=Path, default=[ROOT / "src"])
     parser.add_argument("--limit", type=int, default=settings.get("private-accesses"))
+    parser.add_argument("--brief", action="store_true", help="list them above the limit only")
     given = parser.parse_args()
     found = list(accesses(given.paths))
-    for access in found:
-        print(f"{access.file}:{access.line}: {access.text}")
-    for file, count in Counter(access.file for access in found).most_common():
-        print(f"{count:5d} {file}")
-    print(f"{len(found):5d} in all")
-    if given.limit is not None and len(found) > given.limit:
-        print(f"private accesses = {len(found)}: at most {given.limit}", file=sys.stderr)
-        return 1
-    return 0
+    over = given.limit is not None and len(found) > given.limit
+    if over or not given.brief:
+        for access in found:
+            print(f"{access.file}:{access.line}: {access.text}")
+        for file, count in Counter(access.file for access in found).most_common():
+            print(f"{count:5d} {file}")
+    print(f"private accesses: {len(found)}, at most {given.limit}")
+    return 1 if over else 0
 
 
 if __name__ == "__main__":
