@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pytest
 
+import exchanges
+
 HERE = Path(__file__).parent
 SOURCES = HERE.parent / "src" / "sjerk"
 CC = shutil.which("cc") or shutil.which("gcc")
@@ -20,7 +22,7 @@ pytestmark = pytest.mark.skipif(CC is None, reason="no C compiler")
 
 def build(folder: Path, mutate: tuple[str, str] | None = None) -> Path:
     """The search program around the (mutated) C."""
-    text = (SOURCES / "dpram" / "_handshake.c").read_text()
+    text = exchanges.room()
     if mutate:
         assert text.count(mutate[0]) == 1, f"the mutant no longer fits: {mutate[0]!r}"
         text = text.replace(*mutate)
