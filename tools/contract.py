@@ -29,6 +29,7 @@ HEADERS = (
     "cycle/_payload.h",
     "cycle/_trace_items.h",
     "cycle/_state.h",
+    "cycle/_cycle.h",
     "kernel/_clock.h",
 )
 C_ONLY = "/* For C only. */"

@@ -5,6 +5,8 @@
 #include <stddef.h>
 #include <stdint.h>
 #include <string.h> /* memcmp of frames */
+#include "cycle/_cycle.h"
+#include "cycle/_trace_items.h"
 #include "kernel/_clock.h"
 
 /* ---- by a script ---- */
