@@ -76,7 +76,6 @@ void sj_shm_watch_host(void *base, uint64_t timeout_ns, uint64_t now_ns)
 void sj_shm_beat_host(void *base, uint64_t now_ns) { release(&host(base)->beat_ns, now_ns); }
 void sj_shm_beat_kernel(void *base, uint64_t now_ns) { release(&kernel(base)->beat_ns, now_ns); }
 uint64_t sj_shm_host_beat(const void *base) { return acquire(&host_of(base)->beat_ns); }
-uint64_t sj_shm_kernel_beat(const void *base) { return acquire(&kernel_of(base)->beat_ns); }
 
 /* The epoch is read before the lock is looked at: a host that begins in between is not taken for dead. */
 void sj_shm_note_host(void *base, uint64_t host_epoch, int32_t lock_held)
