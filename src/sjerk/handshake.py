@@ -1,7 +1,7 @@
 """The dual-port RAM as Python sees it: who may map the segment, who may write, who is alive.
 
 A segment is a ``multiprocessing.shared_memory.SharedMemory``; how its bytes are laid out and
-exchanged is C (``_handshake.c``). Here are names, permissions, locks and errors; never what a
+exchanged is C (``dpram/``). Here are names, permissions, locks and errors; never what a
 command or a feedback frame means.
 
 A lock is a byte of the segment file itself, held by an open file description (``F_OFD_SETLK``): it
