@@ -19,6 +19,7 @@ HEADERS = (
     "base/_types.h",
     "planner/_planner.h",
     "dpram/_dpram.h",
+    "drive/_words.h",
     "drive/_drive.h",
     "_kernel.h",
     "trajectory/_following.h",

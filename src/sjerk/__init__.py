@@ -34,18 +34,12 @@ from sjerk.planner.planning import Motion, Plans, plan, plan_many, plan_velocity
 from sjerk.profile import Extrema, Limits, Phase, Profile, Range, Samples, State, scurve
 from sjerk.recording.recording import Gap, Recorder, Recording
 from sjerk.recording.replay import Difference, Replay, replay, simulate
+from sjerk.trajectory.faults import Fault, FaultKind, TrajectoryError
 from sjerk.trajectory.following import follow
 from sjerk.trajectory.segments import Followed, Segment
 from sjerk.trajectory.streaming import GoalStream, StreamReport
 from sjerk.trajectory.thinning import Thinned, follow_within
-from sjerk.trajectory.trajectory import (
-    ExecutionMode,
-    Fault,
-    FaultKind,
-    Trajectory,
-    TrajectoryError,
-    resample,
-)
+from sjerk.trajectory.trajectory import ExecutionMode, Trajectory, resample
 from sjerk.trajectory.untimed import follow_path, follow_stops
 
 __all__ = [

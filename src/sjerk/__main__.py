@@ -21,7 +21,7 @@ from sjerk.errors import (
 )
 from sjerk.handshake import clean
 from sjerk.ports.canopen import node
-from sjerk.trajectory.trajectory import shipped_recording
+from sjerk.trajectory.files import shipped_recording
 
 _EPILOG = (__doc__ or "").partition("\n\n")[2]
 

@@ -3,8 +3,9 @@
  * far below the last bit of what is sent. Needs round-to-nearest and no contraction or fast-math.
  */
 #pragma once
+#include <stdint.h> /* bits of a double */
 #include <string.h> /* memcpy of bits */
-#include "base/_types.h"
+#include "base/_types.h" /* sj_exact */
 
 static inline sj_exact exact_of(double x)
 {

@@ -23,7 +23,7 @@ from sjerk.host.host import Host
 from sjerk.host.timing import Distribution, Timing
 from sjerk.kernel.kernel import Axis, MotionKernel
 from sjerk.profile import FloatArray, Limits
-from sjerk.trajectory.trajectory import Recording, read_recording
+from sjerk.trajectory.files import Recording, read_recording
 
 COUNTS_PER_DEGREE = 2**24 / 360.0
 #: Panda joint 1 under the paper's velocity limit; half of each ramp is spent at jerk.

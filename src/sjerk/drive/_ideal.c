@@ -1,10 +1,9 @@
-/* The ideal drive: the state machine of CiA 402 without mechanics. While it follows, its actual position
- * is the target of the same period, to the increment.
+/* The ideal drive: the state machine of CiA 402 in front of an axis that is where it was told to be.
  *
- * Never here: a servo loop, supervision, modes other than CSP.
+ * Never here: a motor, a fault, any mode but CSP.
  */
-#include <stdint.h>
-#include "drive/_drive.h"
+#include <stdint.h> /* fixed widths */
+#include "drive/_internal.h" /* what the files of the drive share */
 
 void sj_ideal_cycle(sj_drive *drive, const sj_drive_rx *rx, sj_drive_tx *tx)
 {

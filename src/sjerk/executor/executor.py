@@ -36,14 +36,9 @@ from sjerk.executor.goal import (
 from sjerk.host.feedback import Feedback, PathState
 from sjerk.host.host import Host
 from sjerk.trajectory.entering import Entered, Entry
+from sjerk.trajectory.faults import FaultKind, TrajectoryError
 from sjerk.trajectory.segments import IntArray, Knot
-from sjerk.trajectory.trajectory import (
-    ExecutionMode,
-    FaultKind,
-    Trajectory,
-    TrajectoryError,
-    resample,
-)
+from sjerk.trajectory.trajectory import ExecutionMode, Trajectory, resample
 
 #: A goal that is to begin later than this, in seconds, has its stamp from another clock.
 FURTHEST = 3600.0

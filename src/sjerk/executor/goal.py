@@ -15,7 +15,8 @@ import numpy as np
 
 from sjerk.errors import InputError, positive, real
 from sjerk.profile import FloatArray
-from sjerk.trajectory.trajectory import ExecutionMode, Fault, FaultKind, Trajectory, TrajectoryError
+from sjerk.trajectory.faults import Fault, FaultKind, TrajectoryError
+from sjerk.trajectory.trajectory import ExecutionMode, Trajectory
 
 
 class ResultCode(IntEnum):
