@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from sjerk import GoalStream, Limits
-from sjerk.cli.plot import Curve, panels
+from sjerk.cli.pictures import Curve, panels
 from sjerk.trajectory.joining import join
 from sjerk.trajectory.segments import Knot, split
 from sjerk.trajectory.trajectory import read_recording, shipped_recording

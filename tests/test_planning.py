@@ -18,7 +18,6 @@ from sjerk import (
     InfeasibleError,
     InputError,
     Limits,
-    Motion,
     Profile,
     State,
     plan,
@@ -26,6 +25,7 @@ from sjerk import (
     plan_velocity,
     scurve,
 )
+from sjerk.planner.planning import Motion
 from strategies import cycle_times, limits, magnitudes, units
 
 T = 1e-3

@@ -13,18 +13,10 @@ from pathlib import Path
 import can
 import pytest
 
-from sjerk import (
-    Axis,
-    AxisState,
-    Drive,
-    EventKind,
-    InputError,
-    Limits,
-    MotionKernel,
-    MoveState,
-    SjerkError,
-)
+from sjerk import Axis, Drive, InputError, Limits, MotionKernel, SjerkError
+from sjerk.cycle.states import AxisState
 from sjerk.drive.device import Device
+from sjerk.host import EventKind, MoveState
 from sjerk.ports.canopen.master import MASTER, Master, SdoClient
 from sjerk.ports.canopen.node import Node, sender
 

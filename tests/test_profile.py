@@ -12,7 +12,8 @@ from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
 from exact import Sample, bilinear, continuous
-from sjerk import InfeasibleError, InputError, Limits, Phase, Profile, State, scurve
+from sjerk import InfeasibleError, InputError, Limits, Profile, State, scurve
+from sjerk.profile import Phase
 from strategies import cycle_times, limits, magnitudes, units
 
 T_S = 1e-3

@@ -10,7 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from following_check import PANDA, Array, T, recording_keeps, toppra_plan
-from sjerk import GoalHandle, GoalStatus, Limits, ResultCode, Trajectory
+from sjerk import Limits, Trajectory
+from sjerk.executor import GoalHandle, GoalStatus, ResultCode
 from test_executor import NAMES, PLAN, TIME, WAY, Machine, smooth
 
 #: Cycles that an order may take, beside what the executor looks for every fifth cycle.
