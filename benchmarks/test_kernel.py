@@ -26,7 +26,7 @@ from sjerk.cli.cyclictest import Cyclictest
 from sjerk.cli.demo import AFTER_S, COUNTS_PER_DEGREE, LIMITS, play, single_move, streamed
 from sjerk.host import Distribution
 from sjerk.kernel.memory import rehearsal
-from sjerk.trajectory.trajectory import read_recording, shipped_recording
+from sjerk.trajectory import read_recording, shipped_recording
 
 HERE = Path(__file__).parent
 COUNTS = 2**24 / 360.0

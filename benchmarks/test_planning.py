@@ -7,22 +7,18 @@ is taken off where sjerk's own C cost stands beside it.
 from __future__ import annotations
 
 import os
-import sys
 import time
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from conftest import Report
+from helpers import planner_check as check
 from sjerk import Limits, State, plan, plan_many
 from sjerk._binding import ffi, lib
 from sjerk.planner.planning import _PHASES, _ROOM, _ROW
-
-sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
-import planner_check as check
 
 ruckig = pytest.importorskip("ruckig")
 

@@ -22,10 +22,11 @@ from sjerk.kernel import Axis, Clock, MotionKernel, Reactions
 from sjerk.planner.planning import plan, plan_many, plan_velocity
 from sjerk.profile import Limits, Profile, Samples, State, scurve
 from sjerk.recording import Recorder, Recording, replay, simulate
+from sjerk.trajectory.faults import TrajectoryError
 from sjerk.trajectory.following import follow
 from sjerk.trajectory.streaming import GoalStream
 from sjerk.trajectory.thinning import follow_within
-from sjerk.trajectory.trajectory import Trajectory, TrajectoryError, resample
+from sjerk.trajectory.trajectory import Trajectory, resample
 from sjerk.trajectory.untimed import follow_path, follow_stops
 
 __all__ = [

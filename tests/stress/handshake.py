@@ -35,7 +35,7 @@ from sjerk._binding import ffi, lib
 from sjerk.handshake import Layout, Segment
 
 HERE = Path(__file__).resolve().parent
-SOURCES = HERE.parent.parent / "src" / "sjerk"
+SOURCES = HERE.parents[1] / "src" / "sjerk"
 LAYOUT = Layout(
     command_bytes=512,  # 16 axes of four doubles
     feedback_bytes=512,

@@ -24,7 +24,7 @@ from sjerk.executor import (
 )
 from sjerk.host import Host
 from sjerk.kernel import load
-from sjerk.trajectory.trajectory import ExecutionMode, Trajectory
+from sjerk.trajectory import ExecutionMode, Trajectory
 
 _REFUSED, _STOPPED = 3, 4
 

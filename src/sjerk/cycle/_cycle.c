@@ -7,26 +7,12 @@
 #include <stddef.h>
 #include <stdint.h>
 #include <string.h> /* memcpy of a command */
-#include "_cycle.h"
+#include "cycle/_cycle.h"
+#include "dpram/_dpram.h"
 
 static const double SETTLED = 1e-3; /* of the velocity limit: the motor rests */
 
 enum { HOMING_SETTLES = 4 }; /* cycles until a drive's answer is about this homing, not the last */
-
-uint64_t sj_command_bytes(int32_t axes)
-{
-    return offsetof(sj_command, axis) + (uint64_t)axes * sizeof(sj_axis_command);
-}
-
-uint64_t sj_feedback_bytes(int32_t axes)
-{
-    return offsetof(sj_feedback, axis) + (uint64_t)axes * sizeof(sj_axis_feedback);
-}
-
-uint64_t sj_feedback_times(void)
-{
-    return offsetof(sj_feedback, cycle);
-}
 
 /* 0, or -1: the number of axes is out of range. Then every axis must be set. */
 int32_t sj_kernel_init(sj_kernel *kernel, void *segment, int32_t axes, double cycle_time_s)
@@ -83,45 +69,6 @@ int32_t sj_kernel_axis(sj_kernel *kernel, int32_t axis, const sj_drive_config *d
 
 /* ---- events, states, reactions ---- */
 
-void sj_cycle_tell(sj_kernel *kernel, int32_t kind, int32_t axis, int32_t code, double value)
-{
-    sj_kernel_event event = {kernel->feedback.cycle + 1, kernel->feedback.time_ns,
-                             axis >= 0 ? kernel->axis[axis].goal_id : kernel->goal_id, value,
-                             kind, axis, code, 0};
-    sj_trace_event(kernel, &event);
-}
-
-int32_t sj_cycle_trigger(sj_kernel *kernel, int32_t axis, int32_t trigger)
-{
-    sj_axis *ax = &kernel->axis[axis];
-    int32_t next = sj_axis_next(ax->state, trigger), before = ax->state;
-    if (next < 0)
-        return -1;
-    ax->state = next;
-    if (next != before)
-        sj_cycle_tell(kernel, SJ_EVENT_STATE, axis, next, before);
-    return 0;
-}
-
-void sj_cycle_answer(sj_kernel *kernel, uint64_t goal_id, int32_t axis, int32_t result)
-{
-    sj_kernel_event event = {kernel->feedback.cycle + 1, kernel->feedback.time_ns, goal_id, 0.0,
-                             SJ_EVENT_GOAL, axis, result, 0};
-    sj_trace_event(kernel, &event);
-}
-
-void sj_cycle_reached(sj_kernel *kernel, uint64_t goal_id)
-{
-    sj_kernel_event event = {kernel->feedback.cycle + 1, kernel->feedback.time_ns, goal_id, 0.0,
-                             SJ_EVENT_REACHED, -1, 0, 0};
-    sj_trace_event(kernel, &event);
-}
-
-uint64_t sj_cycle_all(const sj_kernel *kernel)
-{
-    return kernel->axes == 64 ? UINT64_MAX : (UINT64_C(1) << kernel->axes) - 1;
-}
-
 void sj_cycle_react(sj_kernel *kernel, int32_t cause, uint64_t axes)
 {
     if (kernel->reaction[cause] == SJ_REACT_HALT)
@@ -148,7 +95,7 @@ static void observe_homing(sj_kernel *kernel, int32_t i)
     if (ax->homing <= HOMING_SETTLES || outcome == 0)
         return;
     if (outcome < 0)
-        sj_cycle_tell(kernel, SJ_EVENT_FAULT, i, -1, 0.0);
+        sj_events_report(kernel, SJ_EVENT_FAULT, i, -1, 0.0);
     ax->reached = outcome > 0;
     ax->homing = 0;
 }
@@ -168,7 +115,7 @@ static void observe(sj_kernel *kernel, int32_t i)
         if (followed)
             sj_ahead_stop(kernel, UINT64_C(1) << i);
         if (followed && axis_moving(ax))
-            sj_cycle_tell(kernel, SJ_EVENT_ANCHOR, i, tx->statusword, 0.0);
+            sj_events_report(kernel, SJ_EVENT_ANCHOR, i, tx->statusword, 0.0);
         anchor(ax);
         ax->reached = homed;
     }
@@ -179,22 +126,22 @@ static void observe(sj_kernel *kernel, int32_t i)
     ax->error |= stale; /* its drive may go on as if nothing had been: until a reset */
     if (fault && ax->state != SJ_AXIS_ERROR_STOP) {
         int32_t lost = stale || sj_master_lost(tx->error_code);
-        sj_cycle_tell(kernel, lost ? SJ_EVENT_SYNC : SJ_EVENT_FAULT, i, stale ? 0 : tx->error_code,
+        sj_events_report(kernel, lost ? SJ_EVENT_SYNC : SJ_EVENT_FAULT, i, stale ? 0 : tx->error_code,
                       0.0);
-        sj_cycle_trigger(kernel, i, SJ_TRIGGER_FAULT);
+        sj_events_trigger(kernel, i, SJ_TRIGGER_FAULT);
         ax->homing = 0;
         sj_cycle_react(kernel, lost ? SJ_CAUSE_SYNC_LOST : SJ_CAUSE_DRIVE_FAULT,
-                       sj_cycle_all(kernel) & ~(UINT64_C(1) << i));
+                       all_axes(kernel) & ~(UINT64_C(1) << i));
     }
     if (!fault && !ax->error && ax->state == SJ_AXIS_ERROR_STOP)
-        sj_cycle_trigger(kernel, i, SJ_TRIGGER_RESET);
+        sj_events_trigger(kernel, i, SJ_TRIGGER_RESET);
     if (ax->following && ax->state == SJ_AXIS_DISABLED)
-        sj_cycle_trigger(kernel, i, SJ_TRIGGER_POWER_ON);
+        sj_events_trigger(kernel, i, SJ_TRIGGER_POWER_ON);
     if (!ax->following && !(ax->state == SJ_AXIS_HOMING && sj_master_enabled(tx->statusword)))
-        sj_cycle_trigger(kernel, i, SJ_TRIGGER_POWER_OFF);
+        sj_events_trigger(kernel, i, SJ_TRIGGER_POWER_OFF);
     if (ax->following && !ax->homing && !axis_moving(ax) && !ax->parked &&
         ax->state > SJ_AXIS_STANDSTILL)
-        sj_cycle_trigger(kernel, i, SJ_TRIGGER_DONE);
+        sj_events_trigger(kernel, i, SJ_TRIGGER_DONE);
 }
 
 /* ---- collect ---- */
@@ -212,9 +159,9 @@ static void take_limits(sj_kernel *kernel, int32_t i, const sj_limits *limits)
         result = SJ_RESULT_SPEED;
     if (result == SJ_RESULT_ACCEPTED) {
         ax->config.limits = kernel->feedback.axis[i].limits = *limits;
-        sj_goal_ceiling(ax);
+        sj_axis_ceiling(ax);
     }
-    sj_cycle_tell(kernel, SJ_EVENT_LIMITS, i, result, 0.0);
+    sj_events_report(kernel, SJ_EVENT_LIMITS, i, result, 0.0);
 }
 
 /* A homing drive is stopped by its own quick stop: the planner does not lead it. */
@@ -222,7 +169,7 @@ static void stop_homing(sj_kernel *kernel, uint64_t axes, int32_t trigger)
 {
     for (int32_t i = 0; i < kernel->axes; i++)
         if ((axes >> i & 1) && kernel->axis[i].homing) {
-            sj_cycle_trigger(kernel, i, trigger);
+            sj_events_trigger(kernel, i, trigger);
             kernel->axis[i].homing = 0;
             kernel->axis[i].drive_stop = 1;
         }
@@ -279,12 +226,12 @@ static void collect(sj_kernel *kernel)
 {
     sj_command *command = &kernel->command;
     int32_t stopped = kernel->ending;
-    int32_t fresh = sj_trace_collect(kernel);
+    int32_t fresh = sj_inputs_command(kernel);
 
     if (fresh < 0) {
         kernel->feedback.corrupt++;
-        sj_cycle_tell(kernel, SJ_EVENT_SPOILT, -1, fresh, 0.0);
-        sj_cycle_react(kernel, SJ_CAUSE_SPOILT, sj_cycle_all(kernel));
+        sj_events_report(kernel, SJ_EVENT_SPOILT, -1, fresh, 0.0);
+        sj_cycle_react(kernel, SJ_CAUSE_SPOILT, all_axes(kernel));
     } else if (fresh == 1) {
         memcpy(command, &kernel->incoming, sj_command_bytes(kernel->axes));
         stopped |= take_axes(kernel);
@@ -310,34 +257,34 @@ static void watch_following(sj_kernel *kernel, int32_t i)
     error = (double)(ax->target_counts - ax->actual_counts) / ax->config.counts_per_unit;
     if (fabs(error) <= ax->config.following_limit)
         return;
-    sj_cycle_tell(kernel, SJ_EVENT_FOLLOWING, i, 0, error);
-    sj_cycle_react(kernel, SJ_CAUSE_FOLLOWING_ERROR, sj_cycle_all(kernel));
+    sj_events_report(kernel, SJ_EVENT_FOLLOWING, i, 0, error);
+    sj_cycle_react(kernel, SJ_CAUSE_FOLLOWING_ERROR, all_axes(kernel));
     if (kernel->reaction[SJ_CAUSE_FOLLOWING_ERROR] != SJ_REACT_NONE) {
         ax->error = 1;
-        sj_cycle_trigger(kernel, i, SJ_TRIGGER_FAULT);
+        sj_events_trigger(kernel, i, SJ_TRIGGER_FAULT);
     }
 }
 
 static void watch(sj_kernel *kernel, uint64_t now_ns)
 {
-    int32_t host = sj_trace_host(kernel, now_ns);
+    int32_t host = sj_inputs_host(kernel, now_ns);
     if (host != kernel->host_state) { /* once; the next host may move on */
-        sj_cycle_tell(kernel, SJ_EVENT_HOST, -1, host, kernel->host_state);
+        sj_events_report(kernel, SJ_EVENT_HOST, -1, host, kernel->host_state);
         if (host == SJ_HOST_DEAD)
-            sj_cycle_react(kernel, SJ_CAUSE_HOST_DEATH, sj_cycle_all(kernel));
+            sj_cycle_react(kernel, SJ_CAUSE_HOST_DEATH, all_axes(kernel));
         else if (host == SJ_HOST_SILENT)
-            sj_cycle_react(kernel, SJ_CAUSE_HOST_SILENCE, sj_cycle_all(kernel));
+            sj_cycle_react(kernel, SJ_CAUSE_HOST_SILENCE, all_axes(kernel));
         kernel->host_state = host;
     }
     if (kernel->feedback.late != kernel->late) {
-        sj_cycle_tell(kernel, SJ_EVENT_LATE, -1, 0, (double)(kernel->feedback.late - kernel->late));
+        sj_events_report(kernel, SJ_EVENT_LATE, -1, 0, (double)(kernel->feedback.late - kernel->late));
         kernel->late = kernel->feedback.late;
-        sj_cycle_react(kernel, SJ_CAUSE_OVERRUN, sj_cycle_all(kernel));
+        sj_cycle_react(kernel, SJ_CAUSE_OVERRUN, all_axes(kernel));
     }
     if (kernel->ending && !kernel->ended) {
         kernel->ended = 1;
-        stop_homing(kernel, sj_cycle_all(kernel), SJ_TRIGGER_HALT);
-        sj_stop_halt(kernel, sj_cycle_all(kernel));
+        stop_homing(kernel, all_axes(kernel), SJ_TRIGGER_HALT);
+        sj_stop_halt(kernel, all_axes(kernel));
     }
     kernel->feedback.ending = kernel->ending;
 }

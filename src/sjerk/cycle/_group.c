@@ -4,7 +4,7 @@
  */
 #include <math.h>   /* fabs, fmin, INFINITY */
 #include <stdint.h>
-#include "_cycle.h"
+#include "cycle/_cycle.h"
 #include "base/_double_double.h" /* double-double sums */
 #include "base/_continuous.h" /* from samples to the continuous motion and back */
 

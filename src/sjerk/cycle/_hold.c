@@ -8,13 +8,11 @@
 #include <math.h>   /* fabs, fmax, fmin */
 #include <stddef.h>
 #include <stdint.h>
-#include "_cycle.h"
+#include "cycle/_cycle.h"
 #include "base/_double_double.h" /* double-double sums */
 #include "base/_continuous.h" /* from samples to the continuous motion */
 
 static const double NOTHING = 1e-9; /* of a limit: neither forward nor backward */
-
-static uint64_t bit(int32_t axis) { return UINT64_C(1) << axis; }
 
 /* ---- the track ------------------------------------------------------------------------------- */
 
@@ -162,7 +160,7 @@ int32_t sj_paced_begin(sj_kernel *kernel, uint64_t axes, double planned)
     paced->count = 0;
     for (int32_t i = 0; i < kernel->axes; i++) {
         const sj_axis *ax = &kernel->axis[i];
-        if ((axes & bit(i)) == 0)
+        if ((axes & axis_bit(i)) == 0)
             continue;
         position[paced->count] = ax->interpolator.q.hi;
         limits[paced->count] = limits_of(ax, planned);
@@ -191,7 +189,7 @@ void sj_paced_hand_over(sj_kernel *kernel, uint64_t axes)
         sj_interpolator *ip = &kernel->axis[paced->axis[k]].interpolator;
         sj_state sample;
         double jerk;
-        if ((paced->axes & axes & bit(paced->axis[k])) == 0)
+        if ((paced->axes & axes & axis_bit(paced->axis[k])) == 0)
             continue;
         sj_player_hand_over(&paced->player, k, &sample, &jerk);
         sj_interpolator_start(ip, &sample);
@@ -203,7 +201,7 @@ void sj_paced_release(sj_kernel *kernel, uint64_t axes)
 {
     sj_paced *paced = &kernel->paced;
     for (int32_t k = 0; k < paced->count; k++)
-        if (paced->axes & axes & bit(paced->axis[k]))
+        if (paced->axes & axes & axis_bit(paced->axis[k]))
             kernel->axis[paced->axis[k]].parked = 0;
     paced->axes &= ~axes;
 }
@@ -214,7 +212,7 @@ void sj_paced_release(sj_kernel *kernel, uint64_t axes)
 static void give_back(sj_kernel *kernel, int32_t k)
 {
     kernel->axis[kernel->paced.axis[k]].interpolator = kernel->paced.way[k];
-    sj_paced_release(kernel, bit(kernel->paced.axis[k]));
+    sj_paced_release(kernel, axis_bit(kernel->paced.axis[k]));
 }
 
 static void lead(sj_kernel *kernel, int32_t k)
@@ -240,7 +238,7 @@ void sj_paced_step(sj_kernel *kernel)
 
     for (int32_t k = 0; k < paced->count && paced->axes != 0; k++)
         if (!kernel->axis[paced->axis[k]].following)
-            paced->axes &= ~bit(paced->axis[k]);
+            paced->axes &= ~axis_bit(paced->axis[k]);
     kernel->feedback.paced = paced->axes;
     if (paced->axes == 0)
         return;
@@ -253,7 +251,7 @@ void sj_paced_step(sj_kernel *kernel)
         for (int32_t k = 0; k < paced->count; k++)
             sj_interpolator_step(&paced->way[k]);
     for (int32_t k = 0; k < paced->count; k++)
-        if (paced->axes & bit(paced->axis[k])) {
+        if (paced->axes & axis_bit(paced->axis[k])) {
             if (paced->way[k].ahead <= 1 || (player->plain > 0 && !held))
                 give_back(kernel, k);
             else

@@ -6,12 +6,7 @@
  */
 #include <stddef.h>
 #include <stdint.h>
-#include "_cycle.h"
-
-uint64_t sj_record_bytes(int32_t axes)
-{
-    return offsetof(sj_record, axis) + (uint64_t)axes * sizeof(sj_axis_record);
-}
+#include "cycle/_cycle.h"
 
 void sj_ahead_start(sj_ahead *ahead)
 {
@@ -22,7 +17,7 @@ void sj_ahead_start(sj_ahead *ahead)
 /* Before the command is collected: a record is never taken before a command that was given before it. */
 void sj_ahead_see(sj_kernel *kernel)
 {
-    sj_trace_see(kernel);
+    sj_inputs_ring(kernel);
     kernel->ahead.seen = kernel->ahead.stop = kernel->ring_seen;
 }
 
@@ -32,7 +27,7 @@ static void answer(sj_kernel *kernel, const sj_held *held, int32_t axis, int32_t
 {
     if (held->record.kind != SJ_RECORD_SEGMENT || result != SJ_RESULT_ACCEPTED)
         if (!held->spent)
-            sj_cycle_answer(kernel, held->record.goal_id, axis, result);
+            sj_events_answer(kernel, held->record.goal_id, axis, result);
 }
 
 /* A segment's path has the answer; what comes of it later is of a path that is over. */
@@ -41,7 +36,7 @@ static void drop(sj_kernel *kernel, const sj_held *held, int32_t result)
     if (held->record.kind == SJ_RECORD_PATH && kernel->path.newest < held->record.goal_id)
         kernel->path.newest = held->record.goal_id;
     if (held->record.kind != SJ_RECORD_SEGMENT && !held->spent)
-        sj_cycle_answer(kernel, held->record.goal_id, -1, result);
+        sj_events_answer(kernel, held->record.goal_id, -1, result);
 }
 
 /* Frees place i of the order. */
@@ -126,15 +121,15 @@ static int32_t take(sj_kernel *kernel)
 {
     sj_ahead *ahead = &kernel->ahead;
     sj_held *held = &ahead->held[ahead->order[ahead->count]];
-    int32_t status = sj_trace_take(kernel, &held->record);
+    int32_t status = sj_inputs_record(kernel, &held->record);
     const sj_drop *order;
     int32_t result;
 
     if (status < 0) {
         if (!kernel->feedback.ring_spoilt) {
             kernel->feedback.corrupt++;
-            sj_cycle_tell(kernel, SJ_EVENT_SPOILT, -1, status, 0.0);
-            sj_cycle_react(kernel, SJ_CAUSE_SPOILT, sj_cycle_all(kernel));
+            sj_events_report(kernel, SJ_EVENT_SPOILT, -1, status, 0.0);
+            sj_cycle_react(kernel, SJ_CAUSE_SPOILT, all_axes(kernel));
         }
         kernel->feedback.ring_spoilt = 1;
         return status;

@@ -6,7 +6,7 @@
  */
 #include <math.h>   /* fabs */
 #include <stdint.h>
-#include "_cycle.h"
+#include "cycle/_cycle.h"
 #include "base/_double_double.h" /* double-double sums */
 #include "base/_continuous.h" /* from samples to the continuous motion and back */
 
@@ -37,8 +37,8 @@ static const sj_limits *limits_of(const sj_axis *ax)
 static void stretch(const sj_axis *ax, const sj_limits *own, int64_t cycles, sj_plan *plan)
 {
     continuous at = axis_commanded(ax);
-    double low, high, way = sj_goal_way(plan, at.V.hi, at.A.hi, &low, &high);
-    sj_limits limits = sj_goal_kept(ax, &at, own);
+    double low, high, way = sj_axis_distance(plan, at.V.hi, at.A.hi, &low, &high);
+    sj_limits limits = sj_axis_kept(ax, &at, own);
     sj_plan longer;
     way *= (double)cycles / (double)(plan->cycles > 0 ? plan->cycles : 1);
     if (!ax->interpolator.goal_free) {
@@ -59,7 +59,7 @@ void sj_stop_together(sj_kernel *kernel, const int32_t *axes, int32_t n)
     for (int32_t i = 0; i < n; i++) {
         const sj_axis *ax = &kernel->axis[axes[i]];
         continuous at = axis_commanded(ax);
-        limits[i] = sj_goal_kept(ax, &at, limits_of(ax));
+        limits[i] = sj_axis_kept(ax, &at, limits_of(ax));
     }
     if (sj_group_line(kernel, axes, n, limits, 1) != 0) {
         for (int32_t i = 0; i < n; i++) {
@@ -91,9 +91,9 @@ void sj_stop_halt(sj_kernel *kernel, uint64_t set)
         for (int32_t k = 0; k < n; k++) {
             sj_paced_hand_over(kernel, UINT64_C(1) << axes[k]);
             sj_paced_release(kernel, UINT64_C(1) << axes[k]);
-            sj_goal_ceiling(&kernel->axis[axes[k]]);
+            sj_axis_ceiling(&kernel->axis[axes[k]]);
             sj_ahead_stop(kernel, UINT64_C(1) << axes[k]);
-            sj_cycle_trigger(kernel, axes[k], SJ_TRIGGER_HALT);
+            sj_events_trigger(kernel, axes[k], SJ_TRIGGER_HALT);
         }
         sj_stop_together(kernel, axes, n);
         for (int32_t k = 0; k < n; k++) {
@@ -115,9 +115,9 @@ void sj_stop_quick(sj_kernel *kernel, uint64_t set, uint64_t together)
     for (int32_t i = 0; i < kernel->axes; i++) {
         if ((set >> i & 1) == 0 || !kernel->axis[i].following)
             continue;
-        sj_goal_ceiling(&kernel->axis[i]);
+        sj_axis_ceiling(&kernel->axis[i]);
         sj_ahead_stop(kernel, UINT64_C(1) << i); /* plans for itself: before all stops are planned */
-        sj_cycle_trigger(kernel, i, SJ_TRIGGER_QUICK_STOP);
+        sj_events_trigger(kernel, i, SJ_TRIGGER_QUICK_STOP);
     }
     for (int32_t i = 0; i < kernel->axes; i++) {
         sj_axis *ax = &kernel->axis[i];
@@ -131,7 +131,7 @@ void sj_stop_quick(sj_kernel *kernel, uint64_t set, uint64_t together)
             continue;
         }
         at = axis_commanded(ax);
-        limits = sj_goal_kept(ax, &at, &ax->config.stop_limits);
+        limits = sj_axis_kept(ax, &at, &ax->config.stop_limits);
         if (plan_stop(ax, &limits, &kernel->plan[i]) != SJ_PLAN_OK) {
             ax->drive_stop = 1;
             continue;

@@ -3,9 +3,9 @@
  * The table is the only place that knows the ranges; Python asks it. Its order is the order of the
  * struct. Never here: what a field does.
  */
-#include <stdint.h> /* the contract's integer types */
+#include <stdint.h> /* fixed widths */
 #include <stddef.h> /* offsetof */
-#include "_internal.h" /* what the rooms of the drive share */
+#include "drive/_internal.h" /* what the files of the drive share */
 
 typedef enum { REAL, UNSIGNED, SIGNED } kind;
 

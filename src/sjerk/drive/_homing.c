@@ -4,9 +4,8 @@
  * position at home becomes 607Ch; the axis then stops where its ramp ends and does not return.
  * Never here: the other modes, states.
  */
-#include <stdint.h> /* the contract's integer types */
-#include <stddef.h> /* required by the contract */
-#include "_internal.h" /* what the rooms of the drive share */
+#include <stdint.h> /* fixed widths */
+#include "drive/_internal.h" /* what the files of the drive share */
 
 static double in_increments(const sj_drive *drive, uint32_t units)
 {

@@ -1,9 +1,8 @@
 /* The master's side of CiA 402: the controlword that leads a drive where one wants it, one step at a
  * time, and what its statusword says. Pure; the drive's side is _cia402.c.
  */
-#include <stddef.h>
 #include <stdint.h>
-#include "drive/_drive.h"
+#include "drive/_words.h"
 
 enum {
     SHUTDOWN = SJ_CW_ENABLE_VOLTAGE | SJ_CW_QUICK_STOP,

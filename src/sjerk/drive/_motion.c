@@ -3,9 +3,8 @@
  * Each makes one period of command for the servo from the demand at hand.
  * Never here: which of them a state allows, the motor's equations.
  */
-#include <stddef.h> /* required by the contract */
-#include <stdint.h> /* the contract's integer types */
-#include "_internal.h" /* what the rooms of the drive share */
+#include <stdint.h> /* fixed widths */
+#include "drive/_internal.h" /* what the files of the drive share */
 
 /* The demand becomes the actual position and speed: nothing jumps when the loop closes. */
 void sj_motion_adopt_actual(sj_drive *drive)

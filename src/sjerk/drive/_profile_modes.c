@@ -1,14 +1,14 @@
 /* Profile position and profile velocity (modes 1 and 3): the drive asks, the planner answers.
  *
- * A set-point becomes a request; sj_drive_cycle_planned() has it planned at the end of its period,
- * from the demand's own velocity and acceleration, and the next period begins to execute the plan.
- * That function is the only place that knows both the drive and the planner (_profile.c).
+ * A set-point becomes a request; sj_drive_cycle_planned() (_drive.c) has it planned at the end of its
+ * period, from the demand's own velocity and acceleration, and the next period begins to execute the
+ * plan. One period of jerk j, Eqs. (2), (3), (5):
+ *     P += V + A / 2 + j / 6,   V += A + j / 2,   A += j.
  * Never here: how a plan is found.
  */
-#include <stddef.h> /* required by the contract */
-#include <stdint.h> /* the contract's integer types */
-#include "planner/_planner.h"
-#include "_internal.h" /* what the rooms of the drive share */
+#include <stddef.h> /* NULL */
+#include <stdint.h> /* fixed widths */
+#include "drive/_internal.h" /* what the files of the drive share */
 
 void sj_profile_drop(sj_drive *drive)
 {
@@ -56,7 +56,8 @@ static void ask(sj_drive *drive)
     }
 }
 
-static void answer(sj_drive *drive, const sj_plan *plan)
+/* The plan that was asked for; NULL: there is none. */
+void sj_profile_answer(sj_drive *drive, const sj_plan *plan)
 {
     drive->request.kind = SJ_REQUEST_NONE;
     if (plan == NULL) {
@@ -257,26 +258,4 @@ uint16_t sj_profile_bits(sj_drive *drive)
         word |= SJ_SW_TARGET_REACHED;
     }
     return word;
-}
-
-void sj_drive_cycle_planned(sj_drive *drive, const sj_drive_rx *rx, sj_drive_tx *tx)
-{
-    const sj_drive_request *request = &drive->request;
-    sj_plan plan;
-    int32_t status = SJ_PLAN_OK;
-
-    sj_drive_cycle(drive, rx, tx);
-    switch (request->kind) {
-    case SJ_REQUEST_MOVE:
-        status = sj_plan_move(request->distance, request->velocity, request->acceleration, 0.0,
-                              &request->limits, &plan);
-        break;
-    case SJ_REQUEST_VELOCITY:
-        status = sj_plan_velocity(request->velocity, request->acceleration, request->goal,
-                                  &request->limits, &plan);
-        break;
-    default:
-        return;
-    }
-    answer(drive, status == SJ_PLAN_OK ? &plan : NULL);
 }

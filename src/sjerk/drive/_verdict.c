@@ -6,9 +6,8 @@
  * one finding and not three.
  * Never here: a reaction. The drive judges, the state machine acts.
  */
-#include <stdint.h> /* the contract's integer types */
-#include <stddef.h> /* required by the contract */
-#include "_internal.h" /* what the rooms of the drive share */
+#include <stdint.h> /* fixed widths */
+#include "drive/_internal.h" /* what the files of the drive share */
 
 static double magnitude(double value)
 {

@@ -36,9 +36,9 @@ from sjerk.executor.handle import GoalHandle, GoalOrders, GoalProgress
 from sjerk.executor.planned import PlannedGoal, planned
 from sjerk.executor.sequencer import Joined, Sequencer, positions
 from sjerk.host import Feedback, Host, PathState
+from sjerk.trajectory import Trajectory, TrajectoryError
 from sjerk.trajectory.entering import Entered
 from sjerk.trajectory.segments import Knot
-from sjerk.trajectory.trajectory import Trajectory, TrajectoryError
 
 #: A goal that is to begin later than this, in seconds, has its stamp from another clock.
 FURTHEST = 3600.0

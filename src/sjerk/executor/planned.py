@@ -11,18 +11,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from sjerk.executor.goal import Settings
+from sjerk.executor import Settings
 from sjerk.executor.sequencer import counted
 from sjerk.host import Feedback
+from sjerk.trajectory import ExecutionMode, FaultKind, Trajectory, TrajectoryError, resample
 from sjerk.trajectory.entering import Entered, Entry
 from sjerk.trajectory.segments import IntArray, Knot
-from sjerk.trajectory.trajectory import (
-    ExecutionMode,
-    FaultKind,
-    Trajectory,
-    TrajectoryError,
-    resample,
-)
 
 
 @dataclass(eq=False)

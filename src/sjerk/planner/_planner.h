@@ -4,7 +4,7 @@
 #include "base/_types.h"
 
 /* The bound of the work of one plan: steps of any root, lengths tried in any search; and rounds of a
- * synchronisation. No recursion beyond one level, no allocation. */
+ * synchronisation. No recursion, no allocation. */
 enum { SJ_ROOT_STEPS = 40, SJ_LENGTH_STEPS = 6, SJ_SYNC_ROUNDS = 10 };
 
 enum sj_plan_status {
@@ -43,7 +43,7 @@ typedef struct {
 int32_t sj_plan_together(int32_t n, const sj_request *requests, const sj_limits *limits,
                          int64_t cycles, sj_plan *plans);
 
-/* Requests between samples, for several axes and for many (_planning.c). */
+/* Requests between samples, for several axes and for many (_axes.c). */
 enum sj_synchronization {
     SJ_SYNC_NONE = 0,                   /* each axis as soon as it can */
     SJ_SYNC_TIME = 1,                   /* all axes arrive in the same cycle */

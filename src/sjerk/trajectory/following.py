@@ -17,8 +17,9 @@ from numpy.typing import ArrayLike
 from sjerk._binding import ffi, lib
 from sjerk.errors import InputError, PlanError, positive
 from sjerk.profile import CYCLES_MAX, FloatArray, Limits
+from sjerk.trajectory.faults import Fault, FaultKind, TrajectoryError
 from sjerk.trajectory.segments import Followed, IntArray, Knot, doubles
-from sjerk.trajectory.trajectory import Fault, FaultKind, Trajectory, TrajectoryError
+from sjerk.trajectory.trajectory import Trajectory
 
 #: Way-points known beyond what is handed out, and way-points handed out at a time.
 LOOKAHEAD = 1024
