@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from sjerk.executor import Settings
+from sjerk.executor.goal import Settings
 from sjerk.executor.sequencer import counted
 from sjerk.host import Feedback
 from sjerk.trajectory import ExecutionMode, FaultKind, Trajectory, TrajectoryError, resample
