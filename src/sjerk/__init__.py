@@ -30,7 +30,7 @@ from sjerk.host.path import Path, Progress
 from sjerk.host.timing import ClockReport, Grant, Timing
 from sjerk.kernel.clock import Clock
 from sjerk.kernel.kernel import Axis, Image, MotionKernel, Reactions
-from sjerk.planner.planning import Motion, Plans, plan, plan_many, plan_velocity
+from sjerk.planner import Motion, Plans, plan, plan_many, plan_velocity
 from sjerk.profile import Extrema, Limits, Phase, Profile, Range, Samples, State, scurve
 from sjerk.recording.recording import Gap, Recorder, Recording
 from sjerk.recording.replay import Difference, Replay, replay, simulate

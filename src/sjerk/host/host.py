@@ -16,7 +16,7 @@ from sjerk.host.commander import Commander
 from sjerk.host.monitor import RECORDS
 from sjerk.host.move import Move
 from sjerk.host.path import Blocks, Path
-from sjerk.planner.planning import Synchronization, check_target, code_of, cycles_of
+from sjerk.planner import Synchronization, check_target, code_of, cycles_of
 from sjerk.profile import Limits, State
 
 Target = float | State
@@ -186,7 +186,7 @@ class Host(Commander):
         with self._lock:
             for i in chosen:
                 entry = self._command.axis[i]
-                rows = limits._per_cycle(self._T)
+                rows = limits.per_cycle(self._T)
                 ffi.memmove(ffi.addressof(entry, "limits"), rows, len(rows))
                 entry.limit_sets = (entry.limit_sets + 1) % 2**32
             self._publish()
@@ -360,7 +360,7 @@ class Host(Commander):
     def _fill(self, entry: Any, kind: int, target: State, limits: Limits) -> None:
         entry.kind, entry.goal = kind, target.position
         entry.goal_velocity = target.velocity * self._T
-        rows = limits._per_cycle(self._T)
+        rows = limits.per_cycle(self._T)
         ffi.memmove(ffi.addressof(entry, "limits"), rows, len(rows))
 
     def _turned(self, targets: dict[int, State], direction: str) -> dict[int, State]:
