@@ -260,11 +260,11 @@ void sj_drive_cycle(sj_drive *drive, const sj_drive_rx *rx, sj_drive_tx *tx)
 void sj_drive_cycles(sj_drive *const *drives, const sj_drive_rx *const *rx, sj_drive_tx *const *tx,
                      int32_t count)
 {
-    sj_servo_command command[SJ_MOTORS];
-    int64_t before[SJ_MOTORS];
+    sj_servo_command command[SJ_SERVO_LANES];
+    int64_t before[SJ_SERVO_LANES];
 
-    for (int32_t first = 0; first < count; first += SJ_MOTORS) {
-        const int32_t n = count - first < SJ_MOTORS ? count - first : SJ_MOTORS;
+    for (int32_t first = 0; first < count; first += SJ_SERVO_LANES) {
+        const int32_t n = count - first < SJ_SERVO_LANES ? count - first : SJ_SERVO_LANES;
         for (int32_t i = 0; i < n; i++) {
             command[i] = begin(drives[first + i], rx[first + i]);
             before[i] = drives[first + i]->servo.encoder;

@@ -42,8 +42,10 @@ void sj_verdict_judge(sj_drive *drive, int64_t step);           /* one target fo
 void sj_servo_prepare(sj_servo_constants *constants, const sj_drive_config *config);
 void sj_servo_period(sj_servo *servo, const sj_servo_constants *constants,
                      const sj_servo_command *command);
-enum { SJ_MOTORS = 8 };                                         /* at once */
-/* One period of as many servos, SJ_MOTORS at most. */
+
+/* _servo_simd.c */
+enum { SJ_SERVO_LANES = 8 };                                    /* motors at once */
+/* One period of as many servos, SJ_SERVO_LANES at most. */
 void sj_servo_periods(int32_t count, sj_drive *const *drives, const sj_servo_command *commands);
 
 /* _motion.c; those that follow return a fault or SJ_FAULT_NONE where they can */
