@@ -90,8 +90,8 @@ static double level_after(double level, const sj_phase *phase)
     return fabs(end) <= 16.0 * DBL_EPSILON * fabs(change) ? 0.0 : end;
 }
 
-enum { PHASES_WIDE = 4 }; /* phases at once; SJ_PHASES is a multiple of it */
-_Static_assert(SJ_PHASES % PHASES_WIDE == 0, "no phase is left over");
+enum { SIMD_PHASES = 4 }; /* phases at once; SJ_PHASES is a multiple of it */
+_Static_assert(SJ_PHASES % SIMD_PHASES == 0, "no phase is left over");
 
 /* The phases of a plan by columns: what each needs of the others is its acceleration levels alone, so
  * that the divisions of all of them are done side by side. */
@@ -129,7 +129,7 @@ static int32_t levels_of(const sj_plan *plan, sj_exact level, double *steepest, 
         level = exact_of(end);
         cycles += phase->cycles;
     }
-    for (int32_t i = plan->count; i % PHASES_WIDE != 0; i++) {
+    for (int32_t i = plan->count; i % SIMD_PHASES != 0; i++) {
         c->cycles[i] = 1.0;
         c->level_hi[i] = c->level_lo[i] = c->end[i] = 0.0;
     }
@@ -137,10 +137,10 @@ static int32_t levels_of(const sj_plan *plan, sj_exact level, double *steepest, 
 }
 
 /* Eqs. (5), (3) over a phase: P += n V + n^2 (2 A + A_end) / 6,  V += n (A + A_end) / 2 */
-WIDE static void fill_columns(columns *restrict c, int32_t count)
+SIMD static void fill_columns(columns *restrict c, int32_t count)
 {
-    for (int32_t first = 0; first < count; first += PHASES_WIDE)
-        for (int32_t i = first; i < first + PHASES_WIDE; i++) {
+    for (int32_t first = 0; first < count; first += SIMD_PHASES)
+        for (int32_t i = first; i < first + SIMD_PHASES; i++) {
             double n = c->cycles[i];
             sj_exact A = {c->level_hi[i], c->level_lo[i]}, end = exact_of(c->end[i]);
             sj_exact jerk = exact_divide(exact_subtract(end, A), n);
@@ -262,7 +262,7 @@ static sj_exact cut(sj_exact x, int bits)
  * where what is spread over the cycles adds to a in v and q, and to v in q.
  * The products of the upper parts are exact (m: 8 bits), their sums carry their error along: each
  * q[m] is the nearest double of the exact sum, as from single steps. */
-WIDE static void fill_block(sj_interpolator *ip, double cycle_time_s, int64_t row, int n,
+SIMD static void fill_block(sj_interpolator *ip, double cycle_time_s, int64_t row, int n,
                             const sj_table *out)
 {
     sj_exact j12 = exact_divide(ip->j, 12.0);

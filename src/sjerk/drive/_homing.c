@@ -75,8 +75,8 @@ static double search(sj_drive *drive, uint32_t inputs)
     const double fast = in_increments(drive, config->homing_speed_switch) * period;
     const double slow = in_increments(drive, config->homing_speed_zero) * period;
     const int32_t method = config->homing_method;
-    const double way = method == 17 || method == 33 ? -1.0 : 1.0;
-    const uint32_t ahead = way < 0.0 ? 1u : 2u;
+    const double direction = method == 17 || method == 33 ? -1.0 : 1.0;
+    const uint32_t ahead = direction < 0.0 ? 1u : 2u;
 
     switch (method) {
     case 17:
@@ -84,12 +84,12 @@ static double search(sj_drive *drive, uint32_t inputs)
         /* onto the limit switch, and back until it opens: that edge is home */
         if (drive->homing == SJ_HOMING_SEARCH) {
             if (!(inputs & ahead)) {
-                return way * fast;
+                return direction * fast;
             }
             drive->homing = SJ_HOMING_BACK;
         }
         if (inputs & ahead) {
-            return -way * slow;
+            return -direction * slow;
         }
         found(drive, drive->actual.increments);
         return 0.0;
@@ -100,10 +100,10 @@ static double search(sj_drive *drive, uint32_t inputs)
             return 0.0;
         }
         if (turn(drive) == drive->homing_turn) {
-            return way * slow;
+            return direction * slow;
         }
         /* the pulse lies where the count of turns changed */
-        found(drive, (way > 0.0 ? turn(drive) : drive->homing_turn) * per_revolution(drive));
+        found(drive, (direction > 0.0 ? turn(drive) : drive->homing_turn) * per_revolution(drive));
         return 0.0;
     case 0:
         drive->homed = 1;

@@ -29,8 +29,8 @@ int32_t sj_drive_ratio(const sj_drive_config *config, int64_t *units, int64_t *i
 /* _units.c */
 int64_t sj_point_wrap(const sj_drive *drive, int64_t units);
 int64_t sj_point_difference(const sj_drive *drive, int64_t to, int64_t from);
-void sj_point_move_increments(const sj_drive *drive, sj_drive_point *point, int64_t way);
-int64_t sj_point_move_units(const sj_drive *drive, sj_drive_point *point, int64_t way);
+void sj_point_move_increments(const sj_drive *drive, sj_drive_point *point, int64_t distance);
+int64_t sj_point_move_units(const sj_drive *drive, sj_drive_point *point, int64_t distance);
 void sj_point_set(const sj_drive *drive, sj_drive_point *point, int64_t increments, int64_t units);
 void sj_point_set_home(sj_drive *drive, int64_t increments);   /* these become 607Ch */
 
@@ -61,7 +61,7 @@ int32_t sj_motion_follow_position(sj_drive *drive, const sj_drive_rx *rx,
 void sj_motion_follow_velocity(sj_drive *drive, const sj_drive_rx *rx, sj_servo_command *command);
 void sj_motion_follow_torque(sj_drive *drive, const sj_drive_rx *rx, sj_servo_command *command);
 uint32_t sj_motion_inputs(const sj_drive *drive);               /* 60FDh */
-int sj_motion_blocked(const sj_drive *drive, double way);      /* a limit switch in this direction */
+int sj_motion_blocked(const sj_drive *drive, double direction); /* by a limit switch */
 
 /* _homing.c */
 void sj_homing_period(sj_drive *drive, sj_servo_command *command);
@@ -131,7 +131,7 @@ static inline int64_t following_error(const sj_drive *drive)
 }
 
 /* Polarity between the words and the motor. */
-static inline int64_t turned(const sj_drive *drive, int64_t value, uint32_t bit)
+static inline int64_t with_polarity(const sj_drive *drive, int64_t value, uint32_t bit)
 {
     return drive->config.polarity & bit ? -value : value;
 }

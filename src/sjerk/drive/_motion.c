@@ -126,10 +126,10 @@ uint32_t sj_motion_inputs(const sj_drive *drive)
            (has_cause(drive, SJ_FAULT_SAFE_TORQUE_OFF) ? 8u : 0u);
 }
 
-int sj_motion_blocked(const sj_drive *drive, double way)
+int sj_motion_blocked(const sj_drive *drive, double direction)
 {
     const uint32_t inputs = sj_motion_inputs(drive);
-    return (inputs & 1u && way < 0.0) || (inputs & 2u && way > 0.0);
+    return (inputs & 1u && direction < 0.0) || (inputs & 2u && direction > 0.0);
 }
 
 /* 607Dh: the target is held inside; an axis that is outside may only come back. */
@@ -137,7 +137,7 @@ int64_t sj_motion_software_limited(sj_drive *drive, int64_t target)
 {
     const sj_drive_config *config = &drive->config;
     const int64_t now =
-        sj_point_wrap(drive, turned(drive, drive->demand.units, SJ_POLARITY_POSITION));
+        sj_point_wrap(drive, with_polarity(drive, drive->demand.units, SJ_POLARITY_POSITION));
     int64_t low = config->software_min;
     int64_t high = config->software_max;
 
@@ -175,7 +175,7 @@ int32_t sj_motion_follow_position(sj_drive *drive, const sj_drive_rx *rx, sj_ser
         return SJ_FAULT_NONE;
     }
     target = sj_motion_software_limited(drive, target);
-    target = sj_point_wrap(drive, turned(drive, target, SJ_POLARITY_POSITION));
+    target = sj_point_wrap(drive, with_polarity(drive, target, SJ_POLARITY_POSITION));
     step = sj_point_difference(drive, target, drive->demand.units);
     if (sj_motion_blocked(drive, (double)step)) {
         /* a limit switch: stop, and follow again only away from it */
@@ -213,10 +213,10 @@ int32_t sj_motion_follow_position(sj_drive *drive, const sj_drive_rx *rx, sj_ser
     return SJ_FAULT_NONE;
 }
 
-/* CSV and CST: the quick stop ramp where a limit switch is in the way, or SYNCs stay away. */
-static int interrupted(sj_drive *drive, sj_servo_command *command, double way)
+/* CSV and CST: the quick stop ramp where a limit switch blocks the direction, or SYNCs stay away. */
+static int interrupted(sj_drive *drive, sj_servo_command *command, double direction)
 {
-    if (!sj_motion_blocked(drive, way) &&
+    if (!sj_motion_blocked(drive, direction) &&
         (uint32_t)drive->missed_in_row <= drive->config.sync_extrapolation) {
         return 0;
     }
@@ -235,7 +235,7 @@ void sj_motion_follow_velocity(sj_drive *drive, const sj_drive_rx *rx, sj_servo_
     double goal = drive->demand_velocity;
 
     if (!rx->sync_missed) {
-        goal = (double)turned(drive, (int64_t)rx->target_velocity + rx->velocity_offset,
+        goal = (double)with_polarity(drive, (int64_t)rx->target_velocity + rx->velocity_offset,
                               SJ_POLARITY_VELOCITY) * to_period;
     }
     drive->follows = !rx->sync_missed;
@@ -263,7 +263,7 @@ void sj_motion_follow_torque(sj_drive *drive, const sj_drive_rx *rx, sj_servo_co
     double torque = drive->torque_demand_nm;
 
     if (!rx->sync_missed) {
-        torque = command->torque_nm + (double)turned(drive, rx->target_torque, SJ_POLARITY_TORQUE) *
+        torque = command->torque_nm + (double)with_polarity(drive, rx->target_torque, SJ_POLARITY_TORQUE) *
                                           1e-3 * drive->config.rated_torque_nm;
     }
     drive->demand = drive->actual;

@@ -25,7 +25,7 @@ void sj_profile_give_up(sj_drive *drive)
 }
 
 /* What is wanted from where the demand will be at the end of this period. */
-static void ask(sj_drive *drive)
+static void request_plan(sj_drive *drive)
 {
     const sj_drive_config *config = &drive->config;
     const double increments = increments_per_unit(drive);
@@ -53,9 +53,9 @@ static void ask(sj_drive *drive)
         .deceleration_jerk = jerk,
     };
     if (drive->goal_set == SJ_POSITION_GOAL) {
-        const int64_t way = sj_point_difference(drive, drive->goal_units, drive->demand.units);
+        const int64_t distance = sj_point_difference(drive, drive->goal_units, drive->demand.units);
         request->kind = SJ_REQUEST_MOVE;
-        request->distance = (double)way * increments - drive->demand_fraction;
+        request->distance = (double)distance * increments - drive->demand_fraction;
     } else {
         request->kind = SJ_REQUEST_VELOCITY;
         request->goal = bounded(drive->goal_velocity, most);
@@ -78,7 +78,7 @@ void sj_profile_answer(sj_drive *drive, const sj_plan *plan)
 }
 
 /* One period of the plan; at its end a move lands on its goal to the unit. */
-static void execute(sj_drive *drive, sj_servo_command *command)
+static void execute_plan(sj_drive *drive, sj_servo_command *command)
 {
     const sj_plan *plan = &drive->plan;
     double velocity = drive->demand_velocity;
@@ -92,11 +92,11 @@ static void execute(sj_drive *drive, sj_servo_command *command)
             drive->plan_phase < plan->count ? plan->phase[drive->plan_phase].cycles : 0;
     }
     if (drive->plan_phase >= plan->count) {
-        const int64_t way = sj_point_difference(drive, drive->goal_units, drive->demand.units);
+        const int64_t distance = sj_point_difference(drive, drive->goal_units, drive->demand.units);
         sj_profile_drop(drive);
         if (drive->goal_set == SJ_POSITION_GOAL) {
             /* what rounding of the sums has left, a fraction of a unit */
-            advance = (double)way * (double)drive->ratio_increments / (double)drive->ratio_units -
+            advance = (double)distance * (double)drive->ratio_increments / (double)drive->ratio_units -
                       drive->demand_fraction;
             sj_motion_ramp(drive, command, advance, 0.0);
             (void)sj_point_move_units(drive, &drive->demand,
@@ -115,7 +115,7 @@ static void execute(sj_drive *drive, sj_servo_command *command)
     sj_motion_ramp(drive, command, advance, velocity);
 }
 
-/* A limit switch in the way of the demand. */
+/* A limit switch where the demand goes. */
 static int blocked(sj_drive *drive)
 {
     const int in_the_way = sj_motion_blocked(drive, drive->demand_velocity);
@@ -132,10 +132,10 @@ static int64_t set_point_units(sj_drive *drive, const sj_drive_rx *rx)
     int64_t target = (int64_t)rx->target_position;
 
     if (drive->controlword & SJ_CW_MODE_6) {
-        target += turned(drive, base, SJ_POLARITY_POSITION);
+        target += with_polarity(drive, base, SJ_POLARITY_POSITION);
     }
     target = sj_motion_software_limited(drive, sj_point_wrap(drive, target));
-    return sj_point_wrap(drive, turned(drive, target, SJ_POLARITY_POSITION));
+    return sj_point_wrap(drive, with_polarity(drive, target, SJ_POLARITY_POSITION));
 }
 
 /* Mode 1: bit 4 offers a set-point, bit 12 takes it; bit 5 at once or after the one at hand. */
@@ -165,7 +165,7 @@ void sj_profile_position(sj_drive *drive, const sj_drive_rx *rx, sj_servo_comman
         return;
     }
     if (drive->plan_phase >= 0) {
-        execute(drive, command);
+        execute_plan(drive, command);
     } else {
         sj_motion_stop(drive, command, 1);
     }
@@ -176,7 +176,7 @@ void sj_profile_position(sj_drive *drive, const sj_drive_rx *rx, sj_servo_comman
         fresh = 1;
     }
     if (fresh) {
-        ask(drive);
+        request_plan(drive);
     }
 }
 
@@ -184,7 +184,7 @@ void sj_profile_position(sj_drive *drive, const sj_drive_rx *rx, sj_servo_comman
 void sj_profile_velocity(sj_drive *drive, const sj_drive_rx *rx, sj_servo_command *command)
 {
     const double goal =
-        (double)turned(drive, (int64_t)rx->target_velocity + rx->velocity_offset,
+        (double)with_polarity(drive, (int64_t)rx->target_velocity + rx->velocity_offset,
                        SJ_POLARITY_VELOCITY) *
         drive->config.period_s * (double)drive->ratio_increments / (double)drive->ratio_units;
     const double held = bounded(goal, speed_limit(drive));
@@ -200,12 +200,12 @@ void sj_profile_velocity(sj_drive *drive, const sj_drive_rx *rx, sj_servo_comman
     drive->goal_velocity = held;
     drive->goal_set = SJ_VELOCITY_GOAL;
     if (drive->plan_phase >= 0) {
-        execute(drive, command);
+        execute_plan(drive, command);
     } else {
         sj_motion_ramp(drive, command, drive->demand_velocity, drive->demand_velocity);
     }
     if (fresh) {
-        ask(drive);
+        request_plan(drive);
     }
 }
 

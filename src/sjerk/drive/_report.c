@@ -48,7 +48,7 @@ static int16_t to_int16(double value)
 
 static int32_t position_word(const sj_drive *drive, int64_t units)
 {
-    return (int32_t)sj_point_wrap(drive, turned(drive, units, SJ_POLARITY_POSITION));
+    return (int32_t)sj_point_wrap(drive, with_polarity(drive, units, SJ_POLARITY_POSITION));
 }
 
 void sj_report_words(sj_drive *drive, const sj_drive_rx *rx, sj_drive_tx *tx)
@@ -87,7 +87,7 @@ void sj_report_words(sj_drive *drive, const sj_drive_rx *rx, sj_drive_tx *tx)
     tx->position_actual = position_word(drive, drive->actual.units);
     tx->position_demand = position_word(drive, drive->demand.units);
     tx->following_error =
-        (int32_t)turned(drive, following_error(drive), SJ_POLARITY_POSITION);
+        (int32_t)with_polarity(drive, following_error(drive), SJ_POLARITY_POSITION);
     tx->velocity_actual = to_int32(velocity_sign * servo->measured_rad_s *
                                    drive->constants.increments_per_rad * to_units);
     tx->velocity_demand =

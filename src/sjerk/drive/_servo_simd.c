@@ -107,7 +107,7 @@ static void take(const motors *m, int32_t i, sj_servo *servo)
     servo->speed_limited = m->speed_limits[i] != 0.0;
 }
 
-WIDE static void turn(motors *restrict m, int32_t steps)
+SIMD static void turn(motors *restrict m, int32_t steps)
 {
     for (int32_t step = 0; step < steps; step++)
         for (int32_t i = 0; i < SJ_SERVO_LANES; i++) {

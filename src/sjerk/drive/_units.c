@@ -18,15 +18,15 @@ int64_t sj_point_wrap(const sj_drive *drive, int64_t units)
     return drive->config.range_min + (above < 0 ? above + drive->range : above);
 }
 
-/* The short way from one position to another, around the wrap if that is shorter. */
+/* The short distance from one position to another, around the wrap if that is shorter. */
 int64_t sj_point_difference(const sj_drive *drive, int64_t to, int64_t from)
 {
-    int64_t way = (to - from) % drive->range;
+    int64_t distance = (to - from) % drive->range;
 
-    if (way < 0) {
-        way += drive->range;
+    if (distance < 0) {
+        distance += drive->range;
     }
-    return 2 * way >= drive->range ? way - drive->range : way;
+    return 2 * distance >= drive->range ? distance - drive->range : distance;
 }
 
 static int64_t floor_div(int64_t value, int64_t divisor)
@@ -37,27 +37,27 @@ static int64_t floor_div(int64_t value, int64_t divisor)
 
 /* Invariant of a point: increments * ratio_units + ratio_increments / 2
  *                       = units * ratio_increments + remainder, apart from wraps of both. */
-void sj_point_move_increments(const sj_drive *drive, sj_drive_point *point, int64_t way)
+void sj_point_move_increments(const sj_drive *drive, sj_drive_point *point, int64_t distance)
 {
-    const int64_t share = way * drive->ratio_units + point->remainder;
+    const int64_t share = distance * drive->ratio_units + point->remainder;
     const int64_t units = floor_div(share, drive->ratio_increments);
 
-    point->increments = add_wrapping(point->increments, way);
+    point->increments = add_wrapping(point->increments, distance);
     point->remainder = share - units * drive->ratio_increments;
     point->units = sj_point_wrap(drive, point->units + units);
 }
 
-/* The units are met exactly, the increments to the nearest; returns the way in increments. */
-int64_t sj_point_move_units(const sj_drive *drive, sj_drive_point *point, int64_t way)
+/* The units are met exactly, the increments to the nearest; returns the distance in increments. */
+int64_t sj_point_move_units(const sj_drive *drive, sj_drive_point *point, int64_t distance)
 {
     const int64_t wanted =
-        way * drive->ratio_increments - (point->remainder - drive->ratio_increments / 2);
+        distance * drive->ratio_increments - (point->remainder - drive->ratio_increments / 2);
     const int64_t increments =
         floor_div(wanted + drive->ratio_units / 2, drive->ratio_units);
 
-    point->remainder += increments * drive->ratio_units - way * drive->ratio_increments;
+    point->remainder += increments * drive->ratio_units - distance * drive->ratio_increments;
     point->increments = add_wrapping(point->increments, increments);
-    point->units = sj_point_wrap(drive, point->units + way);
+    point->units = sj_point_wrap(drive, point->units + distance);
     return increments;
 }
 
@@ -70,14 +70,14 @@ void sj_point_set(const sj_drive *drive, sj_drive_point *point, int64_t incremen
 
 void sj_point_set_home(sj_drive *drive, int64_t increments)
 {
-    const int64_t home = turned(drive, drive->config.home_offset, SJ_POLARITY_POSITION);
+    const int64_t home = with_polarity(drive, drive->config.home_offset, SJ_POLARITY_POSITION);
     sj_drive_point *const points[] = {&drive->actual, &drive->demand};
 
     for (int i = 0; i < 2; i++) {
         const int64_t now = points[i]->increments;
-        const int64_t way = subtract_wrapping(now, increments) % ((int64_t)1 << 32);
+        const int64_t distance = subtract_wrapping(now, increments) % ((int64_t)1 << 32);
         sj_point_set(drive, points[i], increments, home);
-        sj_point_move_increments(drive, points[i], way);
+        sj_point_move_increments(drive, points[i], distance);
         points[i]->increments = now;
     }
 }

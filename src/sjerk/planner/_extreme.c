@@ -79,7 +79,7 @@ double sj_rise_change(double a0, double top, double j, double s, double *slope)
 }
 
 /* s at which sj_rise_change is dv; NaN if there is none above lo. */
-static double rise_length(double a0, double top, double j, double dv, double lo)
+static double rise_duration(double a0, double top, double j, double dv, double lo)
 {
     double x = dv + a0 * fabs(a0) / (2 * j), slope, f = 0;
     double hi = INFINITY, s = most(lo, ramp_time(most(0, x), top, j) - a0 / j);
@@ -112,8 +112,8 @@ double sj_velocity_scale(const task *t, double j, double n)
 static void find_summit(const task *t, double j, double top, double first, summit *m)
 {
     if (m->known) return;
-    m->s = rise_length(t->a0, t->au, j, top - t->v0, first);
-    m->r = rise_length(0, t->ad, j, top - t->v1, 0);
+    m->s = rise_duration(t->a0, t->au, j, top - t->v0, first);
+    m->r = rise_duration(0, t->ad, j, top - t->v1, 0);
     m->known = 1;
 }
 

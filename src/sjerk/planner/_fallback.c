@@ -37,11 +37,11 @@ int sj_by_stopping(const task *start, double length, sj_plan *p)
 
 /* Acceleration to zero first: serves where the velocity limit, a cycle ahead, leaves no other way.
    */
-static int by_shedding(const task *start, sj_plan *p)
+static int by_ending_acceleration(const task *start, sj_plan *p)
 {
     task t = *start;
     sj_plan q = *p;
-    sj_shed(&t, &q);
+    sj_end_acceleration(&t, &q);
     if (!sj_move_direct(&t, &q)) return 0;
     *p = q;
     return 1;
@@ -50,5 +50,5 @@ static int by_shedding(const task *start, sj_plan *p)
 /* Where sj_move_direct has failed. */
 int sj_fallback(const task *start, sj_plan *p)
 {
-    return (start->a0 != 0 && by_shedding(start, p)) || sj_by_stopping(start, INFINITY, p);
+    return (start->a0 != 0 && by_ending_acceleration(start, p)) || sj_by_stopping(start, INFINITY, p);
 }

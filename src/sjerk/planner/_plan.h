@@ -9,7 +9,7 @@
 /* relative room for rounding in counts and levels; a tenth of what is promised */
 static const double SLACK = 1e-10;
 enum {
-    NEWTON_STEPS = SJ_ROOT_STEPS, LENGTH_STEPS = SJ_LENGTH_STEPS, SYNC_ROUNDS = SJ_SYNC_ROUNDS,
+    NEWTON_STEPS = SJ_ROOT_STEPS, DURATION_STEPS = SJ_DURATION_STEPS, SYNC_ROUNDS = SJ_SYNC_ROUNDS,
     NODES = 40
 };
 static const double LONGEST = SJ_CYCLES_MAX;
@@ -94,10 +94,10 @@ void sj_node(path *x, double k, double a);
 int sj_ramp(double v0, double a0, double dv, double vmax, double au, double ad, double j, path *x);
 
 /* _recovery.c */
-int sj_come_back(task *t, sj_plan *p);
-void sj_settle(task *t, sj_plan *p);
-int sj_cross(task *t, sj_plan *p);
-void sj_shed(task *t, sj_plan *p);
+int sj_recover(task *t, sj_plan *p);
+void sj_cross_gently(task *t, sj_plan *p);
+int sj_cross_hard(task *t, sj_plan *p);
+void sj_end_acceleration(task *t, sj_plan *p);
 
 /* _velocity.c */
 int sj_go_to_velocity(task *t, double v, sj_plan *p);
@@ -139,11 +139,11 @@ double sj_rise_change(double a0, double top, double j, double s, double *slope);
 int sj_furthest(const task *t, double j, double n, summit *m, path *x);
 
 /* _sides.c */
-int sj_sides(const task *t, double n, path *x, path *y);
+int sj_side_paths(const task *t, double n, path *x, path *y);
 
 /* _convex.c */
-int sj_mix(const task *t, double n, double *nearest, summit *m, sj_plan *p);
-int sj_mix_from(const task *t, double *n, double longest, summit *m, sj_plan *p);
+int sj_convex(const task *t, double n, double *nearest, summit *m, sj_plan *p);
+int sj_convex_from(const task *t, double *n, double longest, summit *m, sj_plan *p);
 
 /* _direct.c */
 task sj_pushed_up(const task *start);

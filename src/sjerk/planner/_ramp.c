@@ -39,7 +39,7 @@ int sj_ramp(double v0, double a0, double dv, double vmax, double au, double ad, 
         if (dv == 0 && a0 == 0) { sj_node(x, 0, a0); return 1; }
         m = 1;
     }
-    for (int i = 0; i < LENGTH_STEPS; i++, m += 1) {
+    for (int i = 0; i < DURATION_STEPS; i++, m += 1) {
         double hi = least(au, (a0 + j * m) / 2), lo = most(-ad, (a0 - j * m) / 2), n1, n3;
         double room = 1e-13 * (fabs(dv) + fabs(z) + fabs(a0));
         double top = level_change(a0, m, hi, j, &n1, &n3);

@@ -7,7 +7,7 @@
    start: one equation for the cruise velocity v, and the level of the first ramp from it,
        h = v0 (m1 - q) + a0 r + v (q + n4 + m2 / 2) + v1 m2 / 2,   m1 = n1 + n2 + n3,
        a = (v - v0 - n1 a0 / 2) / ((n1 + n3) / 2 + n2).
-   Work is bounded: NEWTON_STEPS per root, LENGTH_STEPS cycles taken away.
+   Work is bounded: NEWTON_STEPS per root, DURATION_STEPS cycles taken away.
 
    Never here: a choice between ways. */
 #include "_plan.h"
@@ -166,7 +166,7 @@ void sj_ramp_counts(double a0, double x, double z, double amax, double jerk, dou
 /* Takes single cycles away as long as the limits allow; `least_cycles` cannot be undercut. */
 static void seven_shorten(const task *t, seven *s, double least_cycles)
 {
-    for (int round = 0; round < LENGTH_STEPS && seven_cycles(s) - least_cycles >= 1; round++) {
+    for (int round = 0; round < DURATION_STEPS && seven_cycles(s) - least_cycles >= 1; round++) {
         seven c = *s;
         if (s->n4 > 0) { c.n4 -= 1; if (sj_seven_fit(t, &c)) { *s = c; continue; } c.n4 += 1; }
         if (s->n2 > 0) { c.n2 -= 1; if (sj_seven_fit(t, &c)) { *s = c; continue; } c.n2 += 1; }
