@@ -59,7 +59,7 @@ static int32_t plan_each(int32_t n, const sj_request *request, const sj_limits *
         if (status == SJ_PLAN_OK && plans[i].cycles < least_cycles) {
             status = sj_plan_duration(r->distance, r->v0, r->a0, r->v1, &limits[i], least_cycles,
                                       &plans[i]);
-            if (status == SJ_PLAN_BLOCKED) /* holds the next length that works */
+            if (status == SJ_PLAN_BLOCKED) /* holds the next duration that works */
                 status = SJ_PLAN_OK;
         }
         if (status != SJ_PLAN_OK)
@@ -149,7 +149,7 @@ static sj_state row_state(const double *row, int64_t columns)
 
 /* n independent axes: requests in rows of 1 to 3 columns (position, velocity, acceleration);
  * limits_step 0 for one Limits for all, 1 for one each. `phases` has room for SJ_PHASES of each, from
- * index `first` on. Stops at the first request that fails and tells its row. */
+ * index `first` on. Stops at the first request that fails; *failed is its row. */
 int32_t sj_plan_rows(int64_t n, double cycle_time_s, const double *from, int64_t from_columns,
                      const double *to, int64_t to_columns, const sj_limits *limits,
                      int64_t limits_step, sj_row *rows, sj_phase *phases, int64_t first,

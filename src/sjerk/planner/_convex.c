@@ -22,7 +22,7 @@
    four is used, each two neighbours with the same signs (_sides.c). Where none serves, all cycles
    keep the smaller jerk, which is legal everywhere.
 
-   Never here: anything but a given length; the search for one is sj_convex_from alone. */
+   Never here: anything but a given duration; the search for one is sj_convex_from alone. */
 #include "_plan.h"
 
 static double path_at(const path *x, int *i, double k)
@@ -39,7 +39,9 @@ static double distance_room(const task *t, double n, double p)
     return 2.5e-13 * (fabs(p) + fabs(t->h)) + (n <= 4 ? 3e-11 * (fabs(t->v0) + fabs(t->v1)) : 0);
 }
 
-/* Lands on h by the mix of a path x that falls short and a path y that gets beyond. */
+/* z = x + lambda (y - x) at every cycle, which lands on h: x falls short of it, y gets beyond.
+       lambda = (h - px) / (py - px)
+   The nodes of z are those of x and of y. */
 static void combine(const task *t, double n, const path *x, double px, const path *y, double py,
     path *z)
 {
@@ -96,12 +98,12 @@ static int convex_put(const task *t, path *z, sj_plan *p)
     return 1;
 }
 
-/* Exactly n cycles: the convex mix of the two extremes (one jerk limit: the smaller). */
+/* Exactly n cycles: the convex combination of the two extremes (one jerk limit: the smaller). */
 static int combine_extremes(const task *t, double j, double n, double *nearest, summit *m, sj_plan *p)
 {
     path x, y, z;
     double px = 0, py = 0;
-    /* where the last length fell short of being low enough, look at the low one first */
+    /* where the last duration fell short of being low enough, look at the low one first */
     int low_first = *nearest > -INFINITY;
     for (int i = 0; i < 2; i++) {
         if ((i == 0) == low_first) {
@@ -120,13 +122,13 @@ static int combine_extremes(const task *t, double j, double n, double *nearest, 
     return convex_put(t, &z, p);
 }
 
-/* A mix of exactly n cycles under two jerks. The paths to mix lie in a chain, each two neighbours
-   with the same signs: furthest up, up without return, down without return, furthest down. */
+/* Exactly n cycles under two jerks. The paths to combine lie in a chain, each two neighbours with the
+   same signs: furthest up, up without coming back, down without coming back, furthest down. */
 static int combine_sides(const task *t, double n, double *nearest, summit *m, sj_plan *p)
 {
     path up_far, up_near, down_far, down_near, z;
     double far, near = 0, low, below = 0, room = distance_room(t, n, t->h);
-    /* where the last length fell short of being low enough, look at the low ones first */
+    /* where the last duration fell short of being low enough, look at the low ones first */
     int low_first = *nearest > -INFINITY;
     for (int i = 0; i < 2; i++)
         if ((i == 0) == low_first) {
@@ -165,9 +167,9 @@ int sj_convex(const task *t, double n, double *nearest, summit *m, sj_plan *p)
     return t->ju == t->jd ? combine_extremes(t, t->ju, n, nearest, m, p) : combine_sides(t, n, nearest, m, p);
 }
 
-/* The first length from n on that can be mixed, below `longest`; gives up where waiting longer only
-   leads away. Too short a length tells how many cycles at the velocity limit are missing at
-   least. */
+/* The first duration from n on that serves, below `longest`; gives up where waiting longer only leads
+   away. A duration that is too short shows how many cycles at the velocity limit are missing at
+   least: (h - nearest) / vmax. */
 int sj_convex_from(const task *t, double *n, double longest, summit *m, sj_plan *p)
 {
     double last = INFINITY, at = 0;
@@ -178,7 +180,7 @@ int sj_convex_from(const task *t, double *n, double longest, summit *m, sj_plan 
         if (nearest != before) {
             if (nearest < t->h) step = up((t->h - nearest) / t->vmax);
             else {
-                /* blocked from above, but coming down ever faster: part of the way at once */
+                /* blocked from above, but coming down ever faster: a part of the cycles at once */
                 if (last < INFINITY && t->ju != t->jd) {
                     step = down(0.6 * (nearest - t->h) / (last - nearest) * (*n - at));
                     step = least(step, least(4, whole(*n / 16)));

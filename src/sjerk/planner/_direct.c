@@ -1,14 +1,14 @@
-/* The shortest move from a start that can keep the limits: the ways that lead to the target at once.
+/* The shortest move from a start that can keep the limits: the methods that lead to the target at once.
 
    The lengths come from the continuous optimum, which is one scalar root: ramp, cruise, ramp with the
    peak velocity as unknown (_seven.c), or braking that is eased for a while (by_easing). The latter has
    two levels, b and a, and two linear equations, for the velocity and the distance:
        v1 - v0 - a0 n1 / 2                          = vb b + va a
        h - v0 (n1 + r1) - a0 n1 (r1 / 2 + n1 / 3)   = pb b + pa a.
-   Where no rounding to whole cycles serves, the convex combination of two plans of equal length does
-   (_convex.c). Work is bounded: NEWTON_STEPS per root, DURATION_STEPS lengths per search.
+   Where no rounding to whole cycles serves, the convex combination of two plans of equal duration does
+   (_convex.c). Work is bounded: NEWTON_STEPS per root, DURATION_STEPS durations per search.
 
-   Never here: a length that is given (_duration.c), what is left to do where all this fails
+   Never here: a duration that is given (_duration.c), what is left to do where all this fails
    (_fallback.c), cycle time. */
 #include "_plan.h"
 
@@ -87,7 +87,7 @@ static int by_easing(const task *t, const family *f, four *s, double *optimum)
     return 0;
 }
 
-/* ---- the ways, best first ---- */
+/* ---- the methods, best first ---- */
 
 /* A seven-phase or four-phase plan of a task in the frame that pushes up; what is known of the
    optimum besides. */
@@ -177,8 +177,8 @@ static void best_of_phases(const task *start, attempt *a)
         a->found = by_easing(&a->t, &a->f, &a->e, &a->optimum) ? SJ_PLAN_EASE : 0;
 }
 
-/* From a start that can keep the limits; 0 where none of these ways serves. In order: seven or four
-   phases; a mix where these are more than two cycles (at rest three) longer than the optimum, or
+/* From a start that can keep the limits; 0 where none of these methods serves. In order: seven or four
+   phases; a convex combination where these are more than two cycles (at rest three) longer than the optimum, or
    missing; a dip of the velocity. */
 int sj_move_direct(const task *start, sj_plan *p)
 {
@@ -199,7 +199,7 @@ int sj_move_direct(const task *start, sj_plan *p)
         if (sj_convex_from(&a.t, &n, longest, both, p)) return 1;
     }
     if (!a.found && a.t.v1 != 0) {
-        /* no whole length near the shortest works: lose time by a dip of the velocity */
+        /* no duration near the shortest works: lose time by a dip of the velocity */
         attempt d;
         summit turned[2] = {both[1], both[0]};
         d.t = mirrored(&a.t);

@@ -1,10 +1,13 @@
-/* Plans of a given length, and axes that arrive in the same cycle.
+/* Plans of a given duration, and axes that arrive in the same cycle.
 
-   A length that is longer than the shortest leaves the cruise velocity free: ramp, cruise, ramp at the
-   one that fits (cruise_in_cycles), the mix of the extremes of that length (_convex.c), or, where nothing
-   else serves, a stop and a wait (_fallback.c). With a velocity at the target some lengths do not exist;
-   then the next one that does is told, and axes that wait for each other look again, SYNC_ROUNDS
-   times at most.
+   A duration that is longer than the shortest leaves the cruise velocity v free: ramp, cruise, ramp at
+   the one that fits,
+       h = p1(v) + v (n - t1(v) - t2(v)) + p2(v),
+   with t1, p1 and t2, p2 the time and distance of the two ramps (cruise_in_cycles); the convex
+   combination of the extremes of that duration (_convex.c); or, where nothing else serves, a stop
+   and a wait (_fallback.c). With a velocity at the target some durations do not exist: the status is
+   SJ_PLAN_BLOCKED and the plan is that of the next one that does. Axes that wait for each other
+   look again, SYNC_ROUNDS times at most.
 
    Never here: the shortest plan (_plan.c), memory, clocks, statics, cycle time. */
 #include "_plan.h"
@@ -120,7 +123,7 @@ static int32_t plan_longer(const task *origin, int64_t cycles, sj_plan *p)
     }
     *p = head;
     if (sj_by_stopping(&t, (double)cycles, p)) { p->kind += back; return SJ_PLAN_OK; }
-    /* blocked: the next length that works */
+    /* blocked: the next duration that works */
     for (int64_t n = cycles + 1; n <= cycles + DURATION_STEPS; n++) {
         *p = head;
         if (in_cycles(&t, (double)(n - head.cycles), p)) { p->kind += back; return SJ_PLAN_BLOCKED; }
@@ -145,7 +148,7 @@ int32_t sj_plan_duration(double h, double v0, double a0, double v1, const sj_lim
 
 /* ---- several axes ---- */
 
-/* Where axes keep blocking each other: from its stop on an axis can take any length. */
+/* Where axes keep blocking each other: from its stop on an axis can take any duration. */
 static int64_t stop_duration(int32_t n, const sj_request *r, const sj_limits *l, int64_t cycles)
 {
     for (int32_t i = 0; i < n; i++) {
@@ -159,7 +162,10 @@ static int64_t stop_duration(int32_t n, const sj_request *r, const sj_limits *l,
 }
 
 /* Time that is enough, at a glance: to a stand, from rest to rest and on to the end velocity, all of it
-   under the tighter limits. Infinite for a start that has to come back first. */
+   under the smaller limits. From rest to rest over h, with q = A / J:
+       h / V + T(V)           where the velocity limit is reached, T = ramp_time
+       q + sqrt(q^2 + 4 h / A)    where the acceleration limit is,   else 4 (h / 2J)^(1/3).
+   Infinite for a start that needs a recovery. */
 static double sufficient_time(const task *t)
 {
     double a = least(t->au, t->ad), j = least(t->ju, t->jd);
@@ -194,7 +200,7 @@ static int seven_in_cycles(const task *t, int64_t cycles, sj_plan *p)
 enum { SPARE = 8 };
 
 /* The axis that seems slowest is planned first. Of the others only those need a shortest plan that
-   may not be done by then; *p of the rest is of zero cycles. Sets the length. */
+   may not be done by then; *p of the rest is of zero cycles. Sets *cycles. */
 static int32_t plan_slowest(int32_t n, const sj_request *r, const sj_limits *l, int64_t *cycles,
     sj_plan *p)
 {

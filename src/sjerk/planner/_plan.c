@@ -1,12 +1,12 @@
 /* Plans from any state to any target, in whole control cycles, as soon as possible.
 
-   A start outside its limits is brought back first (_recovery.c); then the ways that lead to the
+   A start outside its limits is brought back first (_recovery.c); then the methods that lead to the
    target at once are tried (_direct.c), and where they fail the one that always exists
    (_fallback.c).
 
    Frame: cycle = 1, position relative to the start; the task is turned so that its push is up.
 
-   Never here: a length that is given (_duration.c), how a way is found, memory, clocks, statics,
+   Never here: a duration that is given (_duration.c), how a method works, memory, clocks, statics,
    input or output, cycle time. */
 #include "_plan.h"
 
@@ -16,7 +16,7 @@ static int move(const task *start, sj_plan *p)
 }
 
 /* A move, or a change of velocity where `ramp`, whose first acceleration would break the velocity
-   limit if it ended on a node. The ways may cross zero by themselves; else a crossing comes first,
+   limit if it ended on a node. The methods may cross zero by themselves; else a crossing comes first,
    the gentlest or the hardest, whichever is sooner. */
 static int plan_crossing(const task *start, int ramp, sj_plan *p)
 {

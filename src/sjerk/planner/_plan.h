@@ -57,7 +57,8 @@ static inline double most(double a, double b) { return a > b ? a : b; }
 /* Acceleration at whole cycles k, straight between: each piece is a phase. */
 typedef struct { int count; double k[NODES], a[NODES]; } path;
 
-/* Time of a change of velocity x >= 0 between states without acceleration. */
+/* Time of a change of velocity x >= 0 between states without acceleration:
+       x / A + A / J where A is reached (x J >= A^2), else 2 sqrt(x / J). */
 static inline double ramp_time(double x, double amax, double jerk)
 {
     return x * jerk >= amax * amax ? x / amax + amax / jerk : 2 * sqrt(x / jerk);
@@ -129,7 +130,7 @@ void sj_even_counts(double x, double z, double amax, double jerk, double *rise, 
 void sj_ramp_counts(double a0, double x, double z, double amax, double jerk, double jerk1,
     double *n1, double *n2, double *n3);
 
-/* What a search for a length has learnt, for both directions: cycles up to the velocity limit, and
+/* What a search for a duration has learnt, for both directions: cycles up to the velocity limit, and
    down from it. */
 typedef struct { int known; double s, r; } summit;
 
@@ -150,5 +151,5 @@ task sj_pushed_up(const task *start);
 int sj_move_direct(const task *start, sj_plan *p);
 
 /* _fallback.c */
-int sj_by_stopping(const task *start, double length, sj_plan *p);
+int sj_by_stopping(const task *start, double duration, sj_plan *p);
 int sj_fallback(const task *start, sj_plan *p);

@@ -1,4 +1,4 @@
-/* The way back inside: a start outside its limits, or carried out of them by its acceleration, is
+/* Recovery: a start outside its limits, or carried out of them by its acceleration, is
    brought back as fast as jerk allows, with the least excess that whole cycles allow. And the
    acceleration brought to zero, which decides what "carried out" means.
 
@@ -8,7 +8,7 @@
    velocity limit w the crossing to take is the gentlest that keeps it, j = left^2 / 2(w - v): any
    other leaves both less room and more acceleration on the other side. So whether a start can keep
    w is decided by following these crossings (can_cross), and the least w it can keep is the excess
-   that nobody avoids (least_limit); docs/explanation/planner.md has the proof.
+   that nobody avoids (hardest_crossing); docs/explanation/planner.md has the proof.
 
    Only phases are laid down here; a cycle that crosses zero has the smaller of two jerks.
 
@@ -21,7 +21,8 @@
 enum { CROSSINGS = 12 };
 
 /* Where full jerk leads: after n cycles `left` of the acceleration, less than one cycle's jerk, at
-   velocity v; both with the sign of a0 taken out. */
+   velocity v; both with the sign of a0 taken out.
+       left = |a0| - n J,   v = v0 + n |a0| - n^2 J / 2 */
 typedef struct { double n, left, v; } brink;
 
 static brink brink_of(const task *t)
@@ -56,8 +57,9 @@ static int can_cross(const task *t, brink b, double w)
 }
 
 /* The least velocity limit that one crossing at most can keep, and its jerk: where none keeps the
-   start's own. A harder crossing peaks lower and falls deeper on the other side, which ends at
-   j - 3 left / 2 - v. 0: zero on the node is the least. */
+   start's own. A harder crossing peaks lower and falls deeper on the other side. Both are equal at
+       v + left^2 / 2j = j - 3 left / 2 - v,   j = b + sqrt(b^2 + left^2 / 2),   b = v + 3 left / 4.
+   0: zero on the node is the least. */
 static double hardest_crossing(const task *t, brink b)
 {
     double a = b.left, most_j = most_crossing_jerk(t, a, t->a0 > 0 ? t->ad : t->au);

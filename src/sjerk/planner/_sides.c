@@ -10,7 +10,7 @@
 /* One side of zero: from a0 >= 0 as high as possible, then down to zero at the real number s of
    cycles, and zero at the next node. Its nodes are laid from cycle `at` forward (step 1) or
    backward (step -1). */
-static void side_path(path *x, double at, double step, double way, double a0, double top, double j,
+static void side_path(path *x, double at, double step, double sign, double a0, double top, double j,
     double s)
 {
     double kink[3], k[8], apex = 0.5 * (s - a0 / j), end = whole(s) < s ? whole(s) + 1 : whole(s);
@@ -27,11 +27,11 @@ static void side_path(path *x, double at, double step, double way, double a0, do
     for (int i = 0; i < c; i++) {
         double q = k[step > 0 ? i : c - 1 - i];
         double a = most(0, least(least(a0 + j * q, top), j * (s - q)));
-        sj_node(x, at + step * q, way * (q <= 0 ? a0 : a));
+        sj_node(x, at + step * q, sign * (q <= 0 ? a0 : a));
     }
 }
 
-/* The length of a side, in [lo, hi], that changes the velocity by dv. */
+/* The duration of a side, in [lo, hi], that changes the velocity by dv. */
 static double side_duration(double a0, double top, double j, double dv, double lo, double hi)
 {
     double s = ramp_time(most(0, dv + a0 * a0 / (2 * j)), top, j) - a0 / j;
@@ -53,7 +53,7 @@ static double side_duration(double a0, double top, double j, double dv, double l
 }
 
 /* Without a0 < 0: upward acceleration in the first cycles only, downward in the rest only, zero on
-   the node between. So each side has its own jerk, and the mixes of such paths keep it. y is the
+   the node between. So each side has its own jerk, and combinations of such paths keep it. y is the
    one that gets furthest; x, which has no more velocity than it needs, falls behind. 0: too few
    cycles; -1: zero on a node costs the velocity limit. */
 static int one_crossing(const task *t, double from, double n, path *x, path *y)
@@ -111,7 +111,7 @@ static int one_crossing(const task *t, double from, double n, path *x, path *y)
     return 1;
 }
 
-/* Two paths of n cycles to (v1, 0) whose mixes keep both jerks, as one_crossing. */
+/* Two paths of n cycles to (v1, 0) whose combinations keep both jerks, as one_crossing. */
 int sj_side_paths(const task *t, double n, path *x, path *y)
 {
     x->count = y->count = 0;
