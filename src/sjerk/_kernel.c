@@ -77,7 +77,7 @@ void sj_lemma_sample(const sj_state *plan, double jerk, sj_state *sample)
 
 /* ---- loading a plan -------------------------------------------------------------------------- */
 
-/* How far the rounding of a plan may leave its end from the goal, relative to the way it covers and,
+/* How far the rounding of a plan may leave its end from the goal, relative to the distance it covers and,
  * a thousandth of it, to the limits it was made under. A plan that is further off was not made for
  * this start. */
 static const double landing_tolerance = 1e-9, of_limits = 1e-3;
@@ -100,7 +100,7 @@ typedef struct {
     double level_hi[SJ_PHASES], level_lo[SJ_PHASES], end[SJ_PHASES]; /* A, and A_end */
     double jerk_hi[SJ_PHASES], jerk_lo[SJ_PHASES];
     double V_hi[SJ_PHASES], V_lo[SJ_PHASES];    /* what the phase adds to V */
-    double P_hi[SJ_PHASES], P_lo[SJ_PHASES];    /* and to P, beside n V */
+    double P_hi[SJ_PHASES], P_lo[SJ_PHASES];    /* and to P, besides n V */
 } columns;
 
 /* Lengths and levels, checked: enum sj_load_status. */
@@ -356,6 +356,6 @@ int32_t sj_sample(const sj_plan *plan, const void *from, const void *to, double 
     out->acceleration[0] = start->acceleration;
     out->jerk[0] = 0.0;
     if (out->rows > last)
-        out->velocity[last] = end->velocity; /* not by way of cycle units and back */
+        out->velocity[last] = end->velocity; /* not converted to cycle units and back */
     return SJ_LOAD_OK;
 }

@@ -1,4 +1,4 @@
-/* What the processor can be asked for beside the language, where it can be.
+/* What the processor can be asked for that the language does not have.
  *
  * SIMD: a function whose loops use wider vectors where the processor has them. The same operations in
  * the same order, no fused ones, so the same bits.

@@ -1,4 +1,4 @@
-/* One SYNC period of a drive, in the order of the data: supervision of what it is told, the state
+/* One SYNC period of a drive, in the order of the data: supervision of what it gets, the state
  * machine, the motion its state allows, the servo, supervision of the result, the words. And the
  * place where the drive meets the planner: what modes 1 and 3 ask for is planned at the period's end.
  *

@@ -22,7 +22,7 @@ enum {                                  /* phases of homing */
 enum {                                  /* findings of the verdict on the stream of targets */
     SJ_FINDING_JUMP = 0,                /* further than the jump limit */
     SJ_FINDING_STALE = 1,               /* the same target twice while moving */
-    SJ_FINDING_SKIPPED = 2,             /* about twice the way of the cycle before: one is missing */
+    SJ_FINDING_SKIPPED = 2,             /* about twice the distance of the cycle before: one is missing */
     SJ_FINDING_STEP = 3,                /* a step in velocity no limit allows */
     SJ_FINDING_ACCELERATION = 4,
     SJ_FINDING_VELOCITY = 5,
@@ -275,5 +275,5 @@ void sj_verdict_clear(sj_drive_verdict *verdict);
 
 /* For C only. */
 
-/* A drive that is where it was told to be: no motor, no fault, CSP only. */
+/* A drive that is at its target at once: no motor, no fault, CSP only. */
 void sj_ideal_cycle(sj_drive *drive, const sj_drive_rx *rx, sj_drive_tx *tx);

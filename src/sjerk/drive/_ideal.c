@@ -1,4 +1,5 @@
-/* The ideal drive: the state machine of CiA 402 in front of an axis that is where it was told to be.
+/* The ideal drive: the state machine of CiA 402 in front of an axis that is at its target
+ * at once.
  *
  * Never here: a motor, a fault, any mode but CSP.
  */

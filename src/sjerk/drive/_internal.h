@@ -1,4 +1,4 @@
-/* What the files of the drive share and nobody else needs. Prototypes stand from the ground up: each
+/* What the files of the drive share; private to this room, whose contract is _drive.h and _words.h. Prototypes stand from the ground up: each
  * file calls those above it here, and never one below. */
 #pragma once
 #include <stdint.h>

@@ -62,6 +62,9 @@ void sj_motion_ramp(sj_drive *drive, sj_servo_command *command, double advance, 
     drive->demand_velocity = velocity;
 }
 
+/* Toward `goal` with at most this acceleration, in increments and periods:
+ *     v1 = v0 +- a,  advance = (v0 + v1) / 2            or, where the goal is reached inside the period,
+ *     part = |goal - v0| / a,  advance = part (v0 + goal) / 2 + (1 - part) goal. */
 void sj_motion_ramp_to(sj_drive *drive, sj_servo_command *command, double goal, double acceleration)
 {
     const double start = drive->demand_velocity;

@@ -134,8 +134,8 @@ SIMD static void turn(motors *restrict m, int32_t steps)
                                               m->load[i]) * m->inertia_inverse[i] * m->step_s[i],
                                     -m->bound[i], m->bound[i]);
             /* encoder: whole increments, the rest stays in the fraction */
-            const double way = m->fraction[i] + w * m->move[i];
-            const double whole = down(way);
+            const double place = m->fraction[i] + w * m->move[i];
+            const double whole = down(place);
 
             m->speed_limits[i] += wanted != target ? 1.0 : 0.0;
             m->torque_limits[i] += sum > m->torque_max[i] ? 1.0 : 0.0;
@@ -144,7 +144,7 @@ SIMD static void turn(motors *restrict m, int32_t steps)
             m->asked[i] = asked;
             m->torque[i] = torque;
             m->w[i] = w;
-            m->fraction[i] = way - whole;
+            m->fraction[i] = place - whole;
             m->turned[i] += whole;
             m->behind[i] -= whole;
             m->measured[i] += m->filter_gain[i] * (whole * m->measure[i] - m->measured[i]);

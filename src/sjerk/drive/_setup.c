@@ -14,7 +14,7 @@ static void prepare(sj_drive *drive)
     sj_servo_prepare(&drive->constants, config);
     (void)sj_drive_ratio(config, &drive->ratio_units, &drive->ratio_increments);
     drive->range = (int64_t)config->range_max - config->range_min + 1;
-    /* pu/s of 6080h, or less by 607Fh */
+    /* jump limit = speed x period x factor; the speed in pu/s by 6080h, or less by 607Fh */
     speed = config->max_speed_rpm / 60.0 * config->encoder_increments /
             config->encoder_revolutions * (double)drive->ratio_units /
             (double)drive->ratio_increments;
@@ -38,7 +38,7 @@ int32_t sj_drive_init(sj_drive *drive, const sj_drive_config *config)
     return 0;
 }
 
-/* A new scale: positions are told anew from the encoder, a reference is lost. */
+/* A new scale: positions anew from the encoder; a reference is lost. */
 void sj_drive_rescale(sj_drive *drive)
 {
     const int64_t increments = drive->actual.increments;
