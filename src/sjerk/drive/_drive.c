@@ -96,10 +96,10 @@ static void step_mode(sj_drive *drive, int32_t wanted)
     if (drive->mode == SJ_MODE_CST && drive->state == SJ_STATE_OPERATION_ENABLED) {
         drive->servo.integral_nm = drive->servo.command_nm;
     }
-    drive->torque_demand_nm = drive->servo.command_nm;
+    drive->demand.torque_nm = drive->servo.command_nm;
     drive->mode = wanted;
     drive->resync = 1;
-    drive->acknowledged = 0;
+    drive->goal.acknowledged = 0;
     sj_profile_give_up(drive);
 }
 
@@ -219,13 +219,13 @@ static sj_servo_command begin_period(sj_drive *drive, const sj_drive_rx *rx)
     }
     if (drive->state != SJ_STATE_OPERATION_ENABLED || drive->mode != SJ_MODE_HOMING ||
         drive->controlword & SJ_CW_HALT) {
-        drive->homing = SJ_HOMING_IDLE; /* a search that is left is over */
+        drive->homing.phase = SJ_HOMING_IDLE; /* a search that is left is over */
     }
     if (drive->state != SJ_STATE_OPERATION_ENABLED) {
-        drive->acknowledged = 0;
+        drive->goal.acknowledged = 0;
         sj_profile_give_up(drive);
     } else if (drive->controlword & SJ_CW_HALT &&
-               (drive->plan_phase >= 0 || drive->goal_set == SJ_VELOCITY_GOAL)) {
+               (drive->goal.plan_phase >= 0 || drive->goal.kind == SJ_VELOCITY_GOAL)) {
         /* released, the axis waits for a new set-point; a velocity comes back */
         sj_profile_give_up(drive);
     }
@@ -278,7 +278,7 @@ void sj_drive_cycles(sj_drive *const *drives, const sj_drive_rx *const *rx, sj_d
 
 void sj_drive_cycle_planned(sj_drive *drive, const sj_drive_rx *rx, sj_drive_tx *tx)
 {
-    const sj_drive_request *request = &drive->request;
+    const sj_drive_request *request = &drive->goal.request;
     sj_plan plan;
     int32_t status = SJ_PLAN_OK;
 

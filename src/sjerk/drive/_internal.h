@@ -97,18 +97,18 @@ static inline double per_period(const sj_drive *drive)
 
 static inline double increments_per_unit(const sj_drive *drive)
 {
-    return (double)drive->ratio_increments / (double)drive->ratio_units;
+    return (double)drive->scale.increments / (double)drive->scale.units;
 }
 
 static inline double units_per_increment(const sj_drive *drive)
 {
-    return (double)drive->ratio_units / (double)drive->ratio_increments;
+    return (double)drive->scale.units / (double)drive->scale.increments;
 }
 
 /* The speed limit, 6080h or 607Fh, in increments per period. */
 static inline double speed_limit(const sj_drive *drive)
 {
-    return (double)drive->jump_limit / drive->config.jump_factor * increments_per_unit(drive);
+    return (double)drive->scale.jump_limit / drive->config.jump_factor * increments_per_unit(drive);
 }
 
 /* Into -most .. most. */
@@ -127,7 +127,7 @@ static inline int32_t quick_stop_ramp(const sj_drive_config *config)
 /* 60F4h in pu, between the axis and its demand as they are inside the drive. */
 static inline int64_t following_error(const sj_drive *drive)
 {
-    return sj_point_difference(drive, drive->demand.units, drive->actual.units);
+    return sj_point_difference(drive, drive->demand.point.units, drive->actual.units);
 }
 
 /* Polarity between the words and the motor. */

@@ -107,7 +107,7 @@ void sj_verdict_judge(sj_drive *drive, int64_t raw_step)
             return;
         }
     }
-    if (raw_step > drive->jump_limit || raw_step < -drive->jump_limit) {
+    if (raw_step > drive->scale.jump_limit || raw_step < -drive->scale.jump_limit) {
         note(drive, SJ_FINDING_JUMP);
         verdict->history = 0;
         return;
@@ -120,7 +120,7 @@ void sj_verdict_judge(sj_drive *drive, int64_t raw_step)
             return;
         }
         note(drive, SJ_FINDING_ACCELERATION);
-    } else if (magnitude(step) - 1.0 > (double)drive->jump_limit / config->jump_factor) {
+    } else if (magnitude(step) - 1.0 > (double)drive->scale.jump_limit / config->jump_factor) {
         note(drive, SJ_FINDING_VELOCITY);
     } else if (verdict->history >= 2 && config->stream_jerk_rev_s3 > 0.0 &&
                jerk > config->stream_jerk_rev_s3) {
