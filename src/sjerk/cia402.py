@@ -613,7 +613,7 @@ class Drive:
     @property
     def jump_limit(self) -> int:
         """The longest way of a target in one period, in pu."""
-        return int(self._c.jump_limit)
+        return int(self._c.scale.jump_limit)
 
     @property
     def inner_steps(self) -> int:

@@ -31,8 +31,9 @@ static void fetch_all(const sj_kernel *kernel)
         fetch(ip, offsetof(sj_interpolator, legs));
         fetch(&ip->legs[ip->leg < ip->count ? ip->leg : 0], 2 * sizeof ip->legs[0]);
         if (!ax->config.external) {
-            fetch(&ax->drive, offsetof(sj_drive, plan));
-            fetch(&ax->drive.plan_left, sizeof ax->drive - offsetof(sj_drive, plan_left));
+            fetch(&ax->drive, offsetof(sj_drive, goal.plan));
+            fetch(&ax->drive.goal.plan_left,
+                  sizeof ax->drive - offsetof(sj_drive, goal.plan_left));
         }
         fetch(&ax->config, sizeof *ax - offsetof(sj_axis, config));
     }
