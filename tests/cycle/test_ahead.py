@@ -46,7 +46,7 @@ def test_every_record_gets_one_answer_in_order_a_few_per_cycle() -> None:
     for _ in range(30):
         kernel.step()
         now = answers(host)
-        assert len(now) <= lib.SJ_AHEAD_TAKES
+        assert len(now) <= lib.SJ_LOOKAHEAD_TAKES
         told += now
     assert told == [(n, lib.SJ_RESULT_KIND) for n in ids]
 

@@ -134,34 +134,34 @@ static double wanted(int32_t mode, double previous, double next)
     }
 }
 
-int32_t sj_blend_choose(sj_kernel *kernel, int32_t mode, int32_t synchronization, passage *p)
+int32_t sj_blend_choose(sj_kernel *kernel, int32_t mode, int32_t synchronization, sj_blend *b)
 {
     double way[SJ_AXES], next_way[SJ_AXES], own[SJ_AXES], next[SJ_AXES], most = 0.0;
 
-    for (int32_t i = 0; i < p->n; i++) {
-        const sj_axis *ax = &kernel->axis[p->axes[i]];
+    for (int32_t i = 0; i < b->n; i++) {
+        const sj_axis *ax = &kernel->axis[b->axes[i]];
         way[i] = ax->goal.goal - ax->start;
-        p->velocity[i] = 0.0;
+        b->velocity[i] = 0.0;
     }
-    for (int32_t k = 0; k < p->m; k++) {
-        const sj_axis *ax = &kernel->axis[p->next[k]];
-        next_way[k] = p->goal[k].goal -
-                      (p->place[k] < 0 ? ax->interpolator.q.hi : ax->goal.goal);
+    for (int32_t k = 0; k < b->m; k++) {
+        const sj_axis *ax = &kernel->axis[b->next[k]];
+        next_way[k] = b->goal[k].goal -
+                      (b->place[k] < 0 ? ax->interpolator.q.hi : ax->goal.goal);
     }
-    along(p->n, way, p->limits, own);
-    along(p->m, next_way, p->next_limits, next);
-    for (int32_t k = 0; k < p->m && synchronization == SJ_SYNC_NONE; k++)
-        next[k] = p->next_limits[k].velocity;
-    for (int32_t k = 0; k < p->m; k++) {
-        int32_t i = p->place[k];
+    along(b->n, way, b->limits, own);
+    along(b->m, next_way, b->next_limits, next);
+    for (int32_t k = 0; k < b->m && synchronization == SJ_SYNC_NONE; k++)
+        next[k] = b->next_limits[k].velocity;
+    for (int32_t k = 0; k < b->m; k++) {
+        int32_t i = b->place[k];
         double sign = next_way[k] < 0.0 ? -1.0 : 1.0, v, left;
         if (i < 0 || way[i] * next_way[k] <= 0.0)
             continue;
-        left = sign * lemma_distance(&p->at[i], kernel->axis[p->axes[i]].goal.goal, 0.0);
+        left = sign * lemma_distance(&b->at[i], kernel->axis[b->axes[i]].goal.goal, 0.0);
         v = wanted(mode, own[i], next[k]);
-        v = stops_within(fabs(next_way[k]), v, &p->next_limits[k], sign, &kernel->plan[0]);
-        v = reaches(&p->at[i], left, v, &p->limits[i], sign, &kernel->plan[0]);
-        p->velocity[i] = sign * v;
+        v = stops_within(fabs(next_way[k]), v, &b->next_limits[k], sign, &kernel->plan[0]);
+        v = reaches(&b->at[i], left, v, &b->limits[i], sign, &kernel->plan[0]);
+        b->velocity[i] = sign * v;
         most = fmax(most, v);
     }
     return most > 0.0;
@@ -169,33 +169,33 @@ int32_t sj_blend_choose(sj_kernel *kernel, int32_t mode, int32_t synchronization
 
 /* ---- planning the passage ---- */
 
-int64_t sj_blend_before(sj_kernel *kernel, const passage *p, const double *velocity)
+int64_t sj_blend_before(sj_kernel *kernel, const sj_blend *b, const double *velocity)
 {
     double within[SJ_AXES];
     sj_request request[SJ_AXES];
-    int32_t synchronization = p->n > 1 ? SJ_SYNC_TIME : SJ_SYNC_NONE;
+    int32_t synchronization = b->n > 1 ? SJ_SYNC_TIME : SJ_SYNC_NONE;
     int64_t least = 0, run_up;
     sj_plan ramp;
 
-    for (int32_t i = 0; i < p->n; i++)
-        within[i] = fmax(-p->limits[i].velocity, fmin(p->limits[i].velocity, velocity[i]));
-    run_up = sj_run_ramp(p->n, p->limits, within, velocity, &ramp);
+    for (int32_t i = 0; i < b->n; i++)
+        within[i] = fmax(-b->limits[i].velocity, fmin(b->limits[i].velocity, velocity[i]));
+    run_up = sj_run_ramp(b->n, b->limits, within, velocity, &ramp);
     if (run_up < 0)
         return -1;
-    for (int32_t i = 0; i < p->n; i++) {
-        const sj_axis *ax = &kernel->axis[p->axes[i]];
-        double way = lemma_distance(&p->at[i], ax->goal.goal, velocity[i]);
+    for (int32_t i = 0; i < b->n; i++) {
+        const sj_axis *ax = &kernel->axis[b->axes[i]];
+        double way = lemma_distance(&b->at[i], ax->goal.goal, velocity[i]);
         if (run_up > 0)
             way -= sj_run_distance(&ramp, within[i], velocity[i]);
-        request[i] = (sj_request){way, p->at[i].V.hi, p->at[i].A.hi, within[i]};
-        if (ax->least_cycles > 0 && ax->interpolator.ahead - 1 - run_up > least)
-            least = ax->interpolator.ahead - 1 - run_up;
+        request[i] = (sj_request){way, b->at[i].V.hi, b->at[i].A.hi, within[i]};
+        if (ax->least_cycles > 0 && ax->interpolator.cycles_left - 1 - run_up > least)
+            least = ax->interpolator.cycles_left - 1 - run_up;
     }
-    if (sj_run_down(p->n, request, p->limits, least, &synchronization, kernel->plan) !=
+    if (sj_run_down(b->n, request, b->limits, least, &synchronization, kernel->plan) !=
         SJ_PLAN_OK)
         return -1;
-    for (int32_t i = 0; i < p->n; i++) {
-        const sj_axis *ax = &kernel->axis[p->axes[i]];
+    for (int32_t i = 0; i < b->n; i++) {
+        const sj_axis *ax = &kernel->axis[b->axes[i]];
         sj_axis_goal goal = ax->goal;
         sj_plan *plan = &kernel->plan[i];
         goal.goal_velocity = velocity[i];
@@ -205,36 +205,36 @@ int64_t sj_blend_before(sj_kernel *kernel, const passage *p, const double *veloc
             plan->velocity = fmax(plan->velocity, fabs(velocity[i]));
         }
         interpolator_copy(&kernel->trial[i], &ax->interpolator);
-        if (!sj_run_forward(plan, p->at[i].V.hi, p->at[i].A.hi,
-                            lemma_distance(&p->at[i], goal.goal, velocity[i]), p->limits[i].velocity) ||
-            !sj_axis_inside(ax, &goal, &p->limits[i], plan) ||
+        if (!sj_run_forward(plan, b->at[i].V.hi, b->at[i].A.hi,
+                            lemma_distance(&b->at[i], goal.goal, velocity[i]), b->limits[i].velocity) ||
+            !sj_axis_inside(ax, &goal, &b->limits[i], plan) ||
             sj_interpolator_load(&kernel->trial[i], plan, goal.goal, velocity[i], 0) != SJ_LOAD_OK)
             return -1;
     }
     return kernel->plan[0].cycles;
 }
 
-int64_t sj_blend_next(sj_kernel *kernel, const passage *p, const sj_record *record,
+int64_t sj_blend_next(sj_kernel *kernel, const sj_blend *b, const sj_record *record,
                       const double *velocity)
 {
     sj_request request[SJ_AXES];
     int32_t synchronization = record->synchronization;
     int64_t longest = 0;
 
-    for (int32_t k = 0; k < p->m; k++) {
-        const sj_axis *ax = &kernel->axis[p->next[k]];
-        int32_t i = p->place[k];
-        double v = i < 0 ? 0.0 : velocity[i], v1 = p->goal[k].goal_velocity;
+    for (int32_t k = 0; k < b->m; k++) {
+        const sj_axis *ax = &kernel->axis[b->next[k]];
+        int32_t i = b->place[k];
+        double v = i < 0 ? 0.0 : velocity[i], v1 = b->goal[k].goal_velocity;
         double from = i < 0 ? ax->interpolator.q.hi : ax->goal.goal;
-        v1 = fmax(-p->next_limits[k].velocity, fmin(p->next_limits[k].velocity, v1));
-        request[k] = (sj_request){p->goal[k].goal - from - 0.5 * (v + v1), v, 0.0, v1};
+        v1 = fmax(-b->next_limits[k].velocity, fmin(b->next_limits[k].velocity, v1));
+        request[k] = (sj_request){b->goal[k].goal - from - 0.5 * (v + v1), v, 0.0, v1};
     }
-    if (sj_run_down(p->m, request, p->next_limits, record->least_cycles, &synchronization,
+    if (sj_run_down(b->m, request, b->next_limits, record->least_cycles, &synchronization,
                     kernel->plan) != SJ_PLAN_OK)
         return -1;
-    for (int32_t k = 0; k < p->m; k++) {
+    for (int32_t k = 0; k < b->m; k++) {
         if (!sj_run_forward(&kernel->plan[k], request[k].v0, 0.0, request[k].distance,
-                            p->next_limits[k].velocity))
+                            b->next_limits[k].velocity))
             return -1;
         if (kernel->plan[k].cycles > longest)
             longest = kernel->plan[k].cycles;
@@ -242,13 +242,13 @@ int64_t sj_blend_next(sj_kernel *kernel, const passage *p, const sj_record *reco
     return longest;
 }
 
-void sj_blend_load(sj_kernel *kernel, const passage *p, const double *velocity)
+void sj_blend_load(sj_kernel *kernel, const sj_blend *b, const double *velocity)
 {
-    for (int32_t i = 0; i < p->n; i++) {
-        sj_axis *ax = &kernel->axis[p->axes[i]];
+    for (int32_t i = 0; i < b->n; i++) {
+        sj_axis *ax = &kernel->axis[b->axes[i]];
         interpolator_copy(&ax->interpolator, &kernel->trial[i]);
         ax->goal.goal_velocity = velocity[i];
-        ax->onward = velocity[i] != 0.0;
+        ax->blends = velocity[i] != 0.0;
         ax->line = 0.0;
     }
 }

@@ -60,7 +60,7 @@ static int32_t take_axes(sj_kernel *kernel)
         ax->resets = out->resets = in->resets;
         ax->limit_sets = out->limit_sets = in->limit_sets;
     }
-    kernel->ahead.stop = kernel->command.stop_records;
+    kernel->lookahead.stop = kernel->command.stop_records;
     sj_lookahead_stop(kernel, halts | quick_stops | disabled);
     sj_react_stop_homing(kernel, halts | quick_stops);
     sj_react_halt(kernel, halts & ~quick_stops);

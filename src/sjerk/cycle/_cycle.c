@@ -38,8 +38,8 @@ static void interpolate(sj_kernel *kernel)
 {
     for (int32_t i = 0; i < kernel->axes; i++) {
         sj_axis *ax = &kernel->axis[i];
-        if (ax->following && ((kernel->path.led | kernel->paced.axes) >> i & 1) == 0) {
-            int32_t ahead = ax->interpolator.ahead > 0;
+        if (ax->following && ((kernel->path.axes | kernel->feed_hold.axes) >> i & 1) == 0) {
+            int32_t ahead = ax->interpolator.cycles_left > 0;
             sj_interpolator_step(&ax->interpolator);
             if (ahead)
                 sj_goal_reached(kernel, i);

@@ -3,7 +3,7 @@
 #include <stdint.h>
 #include "cycle/_state.h"
 
-void sj_lookahead_start(sj_ahead *ahead);
+void sj_lookahead_start(sj_lookahead *lookahead);
 /* Before all else in a cycle: how far the ring goes. */
 void sj_lookahead_see(sj_kernel *kernel);
 /* After the command: a few records. 1: the ring has just been found spoilt, and the caller reacts. */

@@ -61,7 +61,7 @@ static void plan_anew(sj_kernel *kernel, const int32_t *axes, int32_t n)
     for (int32_t k = 0; k < n; k++) {
         sj_axis *ax = &kernel->axis[axes[k]];
         interpolator_copy(&ax->interpolator, &kernel->trial[k]);
-        ax->parked = 0;
+        ax->held = 0;
         if (rest)
             ax->line = set.planned == SJ_SYNC_PHASE ? set.way[k] : 0.0;
     }
@@ -71,11 +71,11 @@ static void plan_anew(sj_kernel *kernel, const int32_t *axes, int32_t n)
 static void replan(sj_kernel *kernel, double planned)
 {
     uint64_t set, waits = 0;
-    if (!goal_held(kernel) && kernel->override != kernel->paced.override) {
-        sj_hold_hand_over(kernel, kernel->paced.axes);
-        sj_hold_release(kernel, kernel->paced.axes);
+    if (!goal_held(kernel) && kernel->override != kernel->feed_hold.override) {
+        sj_hold_hand_over(kernel, kernel->feed_hold.axes);
+        sj_hold_release(kernel, kernel->feed_hold.axes);
     }
-    set = in_execution(kernel) & ~kernel->paced.axes;
+    set = in_execution(kernel) & ~kernel->feed_hold.axes;
     for (int32_t i = 0; i < kernel->axes; i++) {
         int32_t axes[SJ_AXES], n;
         if ((set & axis_bit(i)) == 0)

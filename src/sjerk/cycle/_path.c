@@ -41,67 +41,67 @@ static sj_track_limits limits_of(const sj_axis *ax)
 }
 
 /* A path opens: its axes are at rest on its first way-point. */
-static int32_t open(sj_kernel *kernel, sj_held *held)
+static int32_t open(sj_kernel *kernel, sj_waiting *waiting)
 {
     sj_path *path = &kernel->path;
     double position[SJ_AXES];
     sj_track_limits limits[SJ_AXES];
 
     for (int32_t i = 0; i < kernel->axes; i++)
-        if (held->axes & axis_bit(i)) {
+        if (waiting->axes & axis_bit(i)) {
             const sj_axis *ax = &kernel->axis[i];
-            if (ax->following && (axis_moving(ax) || ax->parked))
+            if (ax->following && (axis_moving(ax) || ax->held))
                 return OFFER_WAIT;
         }
-    if (path->led != 0)
+    if (path->axes != 0)
         return OFFER_WAIT;
-    if (path->newest < held->record.goal_id)
-        path->newest = held->record.goal_id;
+    if (path->newest < waiting->record.goal_id)
+        path->newest = waiting->record.goal_id;
     for (int32_t i = 0; i < kernel->axes; i++)
-        if (held->axes & axis_bit(i)) {
-            int32_t result = judge(kernel, &held->record, i);
+        if (waiting->axes & axis_bit(i)) {
+            int32_t result = judge(kernel, &waiting->record, i);
             if (result != SJ_RESULT_ACCEPTED) {
-                held->refused = i;
+                waiting->refused = i;
                 return -result;
             }
         }
-    path->goal_id = path->root = held->record.goal_id;
-    path->led = held->axes;
+    path->goal_id = path->root = waiting->record.goal_id;
+    path->axes = waiting->axes;
     path->cancelled = path->count = 0;
     for (int32_t i = 0; i < kernel->axes; i++) {
         sj_axis *ax = &kernel->axis[i];
         sj_axis_feedback *out = &kernel->feedback.axis[i];
-        if ((held->axes & axis_bit(i)) == 0)
+        if ((waiting->axes & axis_bit(i)) == 0)
             continue;
-        position[path->count] = held->record.axis[i].position;
+        position[path->count] = waiting->record.axis[i].position;
         limits[path->count] = limits_of(ax);
         path->axis[path->count++] = i;
         ax->goal_id = path->goal_id;
         ax->goal.kind = SJ_GOAL_NONE;
-        ax->parked = 1; /* on its way, moving or not */
+        ax->held = 1; /* on its way, moving or not */
         ax->reached = 0;
         out->peak_velocity = out->peak_acceleration = out->peak_jerk = 0.0;
         sj_events_trigger(kernel, i, SJ_TRIGGER_SYNCHRONIZE);
     }
     sj_track_begin(&path->player.track, path->count, position, limits);
     sj_player_begin(&path->player);
-    kernel->feedback.path = (sj_path_feedback){path->goal_id, path->led, 1, 0, 0.0, 0.0,
+    kernel->feedback.path = (sj_path_feedback){path->goal_id, path->axes, 1, 0, 0.0, 0.0,
                                                SJ_PATH_NONE, SJ_RESULT_ACCEPTED};
     return OFFER_TAKEN;
 }
 
 /* Another path takes over from a place that this one has not come to. */
-static int32_t splice(sj_kernel *kernel, const sj_held *held)
+static int32_t splice(sj_kernel *kernel, const sj_waiting *waiting)
 {
     sj_path *path = &kernel->path;
     uint64_t axes = kernel->feedback.path.axes;
-    if (path->newest < held->record.goal_id)
-        path->newest = held->record.goal_id;
-    if (path->led != axes || path->cancelled || held->axes != axes ||
-        held->record.number > SJ_CYCLES_MAX ||
-        sj_player_cut(&path->player, (int64_t)held->record.number, held->record.cycles[0]) != 0)
+    if (path->newest < waiting->record.goal_id)
+        path->newest = waiting->record.goal_id;
+    if (path->axes != axes || path->cancelled || waiting->axes != axes ||
+        waiting->record.number > SJ_CYCLES_MAX ||
+        sj_player_cut(&path->player, (int64_t)waiting->record.number, waiting->record.cycles[0]) != 0)
         return -SJ_RESULT_BEGUN;
-    path->goal_id = held->record.goal_id;
+    path->goal_id = waiting->record.goal_id;
     for (int32_t k = 0; k < path->count; k++)
         kernel->axis[path->axis[k]].goal_id = path->goal_id;
     kernel->feedback.path.goal_id = path->goal_id;
@@ -120,7 +120,7 @@ static int32_t add(sj_kernel *kernel, const sj_record *record)
 
     if (record->goal_id > path->newest)
         return -SJ_RESULT_KIND;
-    if (record->goal_id != path->goal_id || path->led == 0 || path->cancelled)
+    if (record->goal_id != path->goal_id || path->axes == 0 || path->cancelled)
         return OFFER_TAKEN; /* of a path that is over */
     for (int32_t k = 0; k < path->count; k++) {
         const sj_axis_record *in = &record->axis[path->axis[k]];
@@ -140,11 +140,11 @@ static int32_t add(sj_kernel *kernel, const sj_record *record)
     return -result_of[status];
 }
 
-int32_t sj_path_offer(sj_kernel *kernel, sj_held *held)
+int32_t sj_path_offer(sj_kernel *kernel, sj_waiting *waiting)
 {
-    if (held->record.kind == SJ_RECORD_SEGMENT)
-        return add(kernel, &held->record);
-    return held->record.number == 0 ? open(kernel, held) : splice(kernel, held);
+    if (waiting->record.kind == SJ_RECORD_SEGMENT)
+        return add(kernel, &waiting->record);
+    return waiting->record.number == 0 ? open(kernel, waiting) : splice(kernel, waiting);
 }
 
 /* ---- stops, and who takes over --------------------------------------------------------------- */
@@ -152,7 +152,7 @@ int32_t sj_path_offer(sj_kernel *kernel, sj_held *held)
 void sj_path_hand_over(sj_kernel *kernel, int32_t axis)
 {
     const sj_path *path = &kernel->path;
-    if ((path->led & axis_bit(axis)) == 0)
+    if ((path->axes & axis_bit(axis)) == 0)
         return;
     for (int32_t k = 0; k < path->count; k++)
         if (path->axis[k] == axis) {
@@ -173,18 +173,18 @@ void sj_path_hand_over(sj_kernel *kernel, int32_t axis)
 void sj_path_release(sj_kernel *kernel, uint64_t axes)
 {
     sj_path *path = &kernel->path;
-    if ((path->led & axes) == 0)
+    if ((path->axes & axes) == 0)
         return;
-    path->led &= ~axes;
+    path->axes &= ~axes;
     path->cancelled = 1;
-    if (path->led == 0)
+    if (path->axes == 0)
         sj_events_path(kernel, SJ_PATH_LEFT);
 }
 
 uint64_t sj_path_halt(sj_kernel *kernel, uint64_t axes)
 {
     sj_path *path = &kernel->path;
-    uint64_t led = path->led;
+    uint64_t led = path->axes;
     if ((axes & led) == 0)
         return 0;
     path->cancelled = 1;
@@ -197,11 +197,11 @@ uint64_t sj_path_halt(sj_kernel *kernel, uint64_t axes)
 /* All axes by themselves again, each as it goes on from the path. */
 static uint64_t let_go(sj_kernel *kernel)
 {
-    uint64_t led = kernel->path.led;
+    uint64_t led = kernel->path.axes;
     for (int32_t i = 0; i < kernel->axes; i++)
         if (led & axis_bit(i)) {
             sj_path_hand_over(kernel, i);
-            kernel->axis[i].parked = 0;
+            kernel->axis[i].held = 0;
         }
     sj_path_release(kernel, led);
     return led;
@@ -209,7 +209,7 @@ static uint64_t let_go(sj_kernel *kernel)
 
 uint64_t sj_path_leave(sj_kernel *kernel, uint64_t axes)
 {
-    return axes & kernel->path.led ? let_go(kernel) & ~axes : 0;
+    return axes & kernel->path.axes ? let_go(kernel) & ~axes : 0;
 }
 
 /* ---- one cycle ------------------------------------------------------------------------------- */
@@ -232,14 +232,14 @@ static void end(sj_kernel *kernel, int32_t state)
     sj_path *path = &kernel->path;
     for (int32_t k = 0; k < path->count; k++) {
         sj_axis *ax = &kernel->axis[path->axis[k]];
-        if ((path->led & axis_bit(path->axis[k])) == 0)
+        if ((path->axes & axis_bit(path->axis[k])) == 0)
             continue;
         sj_interpolator_start(&ax->interpolator,
                               &(sj_state){path->player.run.past[0][k], 0.0, 0.0});
-        ax->parked = 0;
+        ax->held = 0;
         ax->reached = state == SJ_PATH_DONE && !path->cancelled;
     }
-    path->led = 0;
+    path->axes = 0;
     sj_events_path(kernel, state);
 }
 
@@ -249,7 +249,7 @@ static void lead(sj_kernel *kernel)
     const sj_player *player = &path->player;
     for (int32_t k = 0; k < path->count; k++) {
         sj_interpolator *ip = &kernel->axis[path->axis[k]].interpolator;
-        if ((path->led & axis_bit(path->axis[k])) == 0)
+        if ((path->axes & axis_bit(path->axis[k])) == 0)
             continue;
         sj_interpolator_start(ip, &(sj_state){player->run.past[0][k], player->velocity[k],
                                               player->acceleration[k]});
@@ -278,10 +278,10 @@ uint64_t sj_path_watch(sj_kernel *kernel)
 {
     const sj_path *path = &kernel->path;
     const sj_path_command *command = &kernel->command.path;
-    for (int32_t k = 0; k < path->count && path->led != 0; k++)
+    for (int32_t k = 0; k < path->count && path->axes != 0; k++)
         if (!kernel->axis[path->axis[k]].following)
             sj_path_release(kernel, axis_bit(path->axis[k]));
-    return command->goal_id == path->root && command->cancel && !path->cancelled ? path->led : 0;
+    return command->goal_id == path->root && command->cancel && !path->cancelled ? path->axes : 0;
 }
 
 uint64_t sj_path_step(sj_kernel *kernel)
@@ -290,7 +290,7 @@ uint64_t sj_path_step(sj_kernel *kernel)
     sj_player *player = &path->player;
     int32_t status;
 
-    if (path->led == 0)
+    if (path->axes == 0)
         return 0;
     player->wish = wish_of(kernel);
     status = sj_player_step(player);

@@ -4,7 +4,7 @@
 #include "cycle/_state.h"
 
 /* A record of a path whose turn it is: enum sj_offer. */
-int32_t sj_path_offer(sj_kernel *kernel, sj_held *held);
+int32_t sj_path_offer(sj_kernel *kernel, sj_waiting *waiting);
 /* Lets go of axes that do not follow any more. The axes of the path, if its command has just cancelled
  * it: the caller halts them. */
 uint64_t sj_path_watch(sj_kernel *kernel);

@@ -36,7 +36,7 @@ enum sj_event_kind {
     SJ_EVENT_GOAL = 0,                  /* code: enum sj_result of goal_id */
     SJ_EVENT_STATE = 1,                 /* code: new state of the axis, value: the one before */
     SJ_EVENT_HOST = 2,                  /* code: enum sj_shm_host_state */
-    SJ_EVENT_SPOILT = 3,                /* a command or record that a wild writer had spoilt */
+    SJ_EVENT_SPOILT = 3,                /* a command or record that a wild writer made corrupt */
     SJ_EVENT_FAULT = 4,                 /* code: 603Fh of the axis' drive */
     SJ_EVENT_FOLLOWING = 5,             /* value: the following error, axis unit */
     SJ_EVENT_LATE = 6,                  /* value: cycles of the clock that were skipped */
@@ -230,11 +230,11 @@ typedef struct {
     uint64_t sequence;                  /* newest command taken */
     uint64_t result_goal_id;            /* goal that `result` is about */
     uint64_t late;                      /* cycles of the clock that were skipped */
-    uint64_t corrupt;                   /* commands that a wild writer had spoilt */
+    uint64_t corrupt;                   /* commands that a wild writer made corrupt */
     uint64_t kernel_epoch;              /* which kernel this frame is of */
     double cycle_time_s, override;
     int32_t result, result_axis;        /* enum sj_result; axis that refused, or -1 */
-    uint64_t paced;                     /* bit n: axis n is on the way of its move at another pace */
+    uint64_t feed_hold;                 /* bit n: axis n is on its planned path, at another feed */
     int32_t axes, ending, hold;
     int32_t ring_spoilt;                /* 1: no record is taken until the host flushes the ring */
     sj_path_feedback path;

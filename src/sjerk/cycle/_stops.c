@@ -22,7 +22,7 @@ static int32_t plan_stop(const sj_axis *ax, const sj_limits *limits, sj_plan *pl
 /* Whether it comes to rest by itself within so many cycles. */
 static int32_t rests_within(const sj_axis *ax, int64_t cycles)
 {
-    return ax->interpolator.goal_velocity == 0.0 && ax->interpolator.ahead <= cycles + 1;
+    return ax->interpolator.goal_velocity == 0.0 && ax->interpolator.cycles_left <= cycles + 1;
 }
 
 static void load_stop(sj_axis *ax, const sj_plan *plan)
@@ -97,7 +97,7 @@ void sj_stop_halt(sj_kernel *kernel, uint64_t set)
         sj_stop_together(kernel, axes, n);
         for (int32_t k = 0; k < n; k++) {
             sj_axis *ax = &kernel->axis[axes[k]];
-            if (!(ax->interpolator.ahead > 0 && !ax->interpolator.goal_free && !ax->parked))
+            if (!(ax->interpolator.cycles_left > 0 && !ax->interpolator.goal_free && !ax->held))
                 if (!(ax->reached && !axis_moving(ax)))
                     axis_give_up(ax);
         }

@@ -279,7 +279,7 @@ class Path:
             self._waiting = self._waiting[count:]
             if part["kind"][-1] == lib.SJ_RECORD_SEGMENT:
                 self._fed = int(part["number"][-1])
-                done = lib.sj_ring_taken(segment.base) - lib.SJ_AHEAD
+                done = lib.sj_ring_taken(segment.base) - lib.SJ_LOOKAHEAD
                 self._sent = [sent for sent in self._sent if sent[0] > done] + [(number, part)]
             self._complete = bool(part["last"][-1])
         return True
