@@ -25,8 +25,8 @@ static void look_ahead(sj_kernel *kernel)
     sj_lookahead_offer(kernel);
 }
 
-/* The axes that a path or a hold leads; what has lost it halts. */
-static void lead(sj_kernel *kernel)
+/* The axes that a path or a feed hold drives; those that have lost it halt. */
+static void follow_paths(sj_kernel *kernel)
 {
     sj_react_halt(kernel, sj_path_watch(kernel));
     sj_react_halt(kernel, sj_path_step(kernel));
@@ -55,7 +55,7 @@ void sj_kernel_cycle(sj_kernel *kernel, uint64_t now_ns)
     sj_observe_rest(kernel, now_ns);
     sj_command_take(kernel);
     look_ahead(kernel);
-    lead(kernel);
+    follow_paths(kernel);
     interpolate(kernel);
     sj_actuate(kernel);
     sj_publish_keep(kernel);

@@ -63,7 +63,7 @@ int32_t sj_goal_plan(sj_kernel *kernel, sj_goal_set *set, int32_t line)
         limits[m] = sj_axis_kept(ax, &at, &limits[m]);
         v = clamp(set->goal[i].goal_velocity, limits[m].velocity);
         request[m] = (sj_request){lemma_distance(&at, set->goal[i].goal, v), at.V.hi, at.A.hi, v};
-        set->way[i] = request[m].distance;
+        set->distance[i] = request[m].distance;
         together[m] = set->axes[i];
         of[m++] = i;
     }
@@ -106,7 +106,7 @@ static void take_over(sj_kernel *kernel, const sj_goal_set *set)
         } else {
             interpolator_copy(&ax->interpolator, &kernel->trial[i]);
             ax->line = set->planned == SJ_SYNC_PHASE && set->goal[i].kind == SJ_GOAL_ABSOLUTE
-                           ? set->way[i] : 0.0;
+                           ? set->distance[i] : 0.0;
         }
         ax->held = 0;
     }

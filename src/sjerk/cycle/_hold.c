@@ -1,9 +1,27 @@
-/* Synchronised moves that are held on their way: one pace of time for all their axes.
+/* The feed hold: synchronised moves come to rest on the path that was planned for them, and go on
+ * from there, by one feed for all their axes.
  *
- * What the interpolators still have before them becomes a track, and its pace (_pace.c) goes to rest and
- * back to 1. So the axes stay on the line in joint space that was planned, and together. At pace 1 the
- * samples are the interpolators' own, and the interpolators take over again. Never here: which moves
- * these are, stops, drives, memory of its own.
+ * A hold that gives each axis a stop of its own would bend the path. Here the axes keep their path in
+ * joint space: what the interpolators still have before them is laid down as a track, the motion P(s)
+ * over the path's own time s, in cycles. The feed s' is planned like any velocity (_pace.c): it goes
+ * from 1 to 0, stays there, and goes back to 1 when the hold ends. So
+ *
+ *   v = P' s'        a = P'' s'^2 + P' s''        j = P''' s'^3 + 3 P'' s' s'' + P' s'''
+ *
+ * and a change of feed is begun only once the differences of the positions have been checked against
+ * the limits of the move, over all of it. What the move itself does beyond these limits, because it
+ * began so, it may do under the hold as well.
+ *
+ * At feed 1, on a whole cycle, the samples are the planned ones bit for bit: the planned
+ * interpolators run along, and each takes over where it is, as if no hold had been. Until then
+ * velocity, acceleration and jerk of the samples are the differences of their positions.
+ *
+ * A move can be held so where two axes or more arrive together, at rest, not on a straight line. All
+ * others are held by stops of their own (sj_hold_by_stop): a stop of one axis, or one stop for all of
+ * a straight line, is on the path anyway. Several moves that a hold finds under way share one feed.
+ *
+ * Never here: which moves these are (_override.c), how a feed is found (_pace.c), drives, memory of
+ * its own.
  */
 #include <math.h>   /* fabs, fmax, fmin, INFINITY */
 #include <stdint.h>
@@ -16,7 +34,7 @@ static const double NOTHING = 1e-9; /* of a limit: neither forward nor backward 
 
 /* ---- the track ------------------------------------------------------------------------------- */
 
-/* The continuous motion of an interpolator at a knot ahead of it. */
+/* The continuous motion of an interpolator at a knot that it has not come to yet. */
 typedef struct {
     continuous at;
     sj_exact jerk;                      /* of the cycle before */
@@ -33,7 +51,7 @@ static walker walk_from(const sj_interpolator *ip)
 }
 
 /* P += n V + n^2 A/2 + n^3 J/6 and so on, with what is spread over the cycles: n of it in V, and in P
- * n of its own and n (n + 1) / 2 of V's (_lemma.h). */
+ * n of its own and n (n + 1) / 2 of V's (_continuous.h). */
 static void walk(const sj_interpolator *ip, walker *w, int64_t cycles)
 {
     double n = (double)cycles;
@@ -67,7 +85,7 @@ static double sample_of(const walker *w)
     return exact_subtract(q, exact_scale(w->jerk, 0.125)).hi;
 }
 
-/* What a move does by itself it may do at another pace too: a start beyond its limits, say. */
+/* What a move does by itself it may do at another feed too: a start beyond its limits, say. */
 static void allow(sj_track_limits *most, const continuous *from, const continuous *to, double J)
 {
     double v0 = from->V.hi, v1 = to->V.hi, a0 = from->A.hi, a1 = to->A.hi;
@@ -93,9 +111,9 @@ static sj_track_limits limits_of(const sj_axis *ax, double override)
                              -INFINITY, INFINITY, own->deceleration, own->deceleration_jerk};
 }
 
-/* Segments between the knots of all axes, from where they are to where the last one rests. -1: more
- * than a track holds. */
-static int32_t lay(sj_feed_hold *hold)
+/* Segments between the knots of all axes, from where they are to where the last one comes to rest. -1:
+ * more than a track holds. */
+static int32_t lay_track(sj_feed_hold *hold)
 {
     sj_track *track = &hold->player.track;
     walker walkers[SJ_AXES];
@@ -168,7 +186,7 @@ int32_t sj_hold_begin(sj_kernel *kernel, uint64_t axes, double planned)
         hold->axis[hold->count++] = i;
     }
     sj_track_begin(&hold->player.track, hold->count, position, limits);
-    if (lay(hold) != 0)
+    if (lay_track(hold) != 0)
         return 0;
     sj_player_begin(&hold->player);
     sj_player_enter(&hold->player);
@@ -176,7 +194,7 @@ int32_t sj_hold_begin(sj_kernel *kernel, uint64_t axes, double planned)
     hold->override = planned;
     hold->axes = axes;
     for (int32_t k = 0; k < hold->count; k++)
-        kernel->axis[hold->axis[k]].held = 1; /* on its way, moving or not */
+        kernel->axis[hold->axis[k]].held = 1;
     return 1;
 }
 
@@ -193,7 +211,7 @@ void sj_hold_hand_over(sj_kernel *kernel, uint64_t axes)
 {
     const sj_feed_hold *hold = &kernel->feed_hold;
     if (hold->player.cycle == 0 || hold->player.plain > 0)
-        return; /* at pace 1 they are their own */
+        return; /* at feed 1 they are their own */
     for (int32_t k = 0; k < hold->count; k++) {
         sj_interpolator *ip = &kernel->axis[hold->axis[k]].interpolator;
         sj_state sample;
@@ -224,7 +242,7 @@ static void give_back(sj_kernel *kernel, int32_t k)
     sj_hold_release(kernel, axis_bit(kernel->feed_hold.axis[k]));
 }
 
-static void lead(sj_kernel *kernel, int32_t k)
+static void put_sample(sj_kernel *kernel, int32_t k)
 {
     const sj_player *player = &kernel->feed_hold.player;
     sj_interpolator *ip = &kernel->axis[kernel->feed_hold.axis[k]].interpolator;
@@ -262,7 +280,7 @@ uint64_t sj_hold_step(sj_kernel *kernel)
             if (hold->planned[k].cycles_left <= 1 || (player->plain > 0 && !held))
                 give_back(kernel, k);
             else
-                lead(kernel, k);
+                put_sample(kernel, k);
         }
     kernel->feedback.feed_hold = hold->axes;
     return 0;

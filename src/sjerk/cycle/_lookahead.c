@@ -1,8 +1,26 @@
-/* The look-ahead: records of the ring, each once and in order. A few are taken per cycle; one waits
- * here until no earlier record of its axes does, and is then offered to the room it is for.
+/* The look-ahead: moves and pieces of paths that were given before their turn.
  *
- * A record has the axes whose goal kind is not NONE. Whoever begins or drops a move or a path gives
- * its goal the one answer it gets; a segment has that of its path. Never here: planning, time.
+ * A host writes them as records into the ring of the dual-port RAM, each once and in order. A cycle
+ * takes a few of them, so that a full ring does not make one cycle long: SJ_LOOKAHEAD_TAKES at most,
+ * and SJ_LOOKAHEAD_PASSES that are dropped as they come. SJ_LOOKAHEAD records at most wait here; the
+ * others stay in the ring.
+ *
+ * Turns. A record has the axes whose goal kind is not NONE. Its turn comes when no earlier record of
+ * one of its axes waits. So chains of different axes do not delay each other though they share one
+ * ring. In its turn it is offered once per cycle to the queue (a move) or to the path (its opening, a
+ * segment), until that file takes or refuses it.
+ *
+ * Order with commands. Of commands only the newest counts; they overtake the ring. Two counters keep
+ * the order: `seen`, how far the ring went before the command was collected, so that no record is
+ * taken before a command that was given before it; and `stop`, the last record that the host had
+ * given when it commanded a stop, so that a stop drops what was given before it and nothing else.
+ *
+ * Dropping. Records first .. last of some axes are not begun. Those that wait are answered at once;
+ * for those in the ring the order is remembered until they have come. A move that the one before
+ * blends into cannot be dropped at once where that one is too near to its goal: it stays, answered,
+ * until its axes have passed the goal, and then brings them to rest.
+ *
+ * A move or a path gets one answer, a segment has that of its path. Never here: planning, time.
  */
 #include <stddef.h>
 #include <stdint.h>
@@ -19,7 +37,6 @@ void sj_lookahead_start(sj_lookahead *lookahead)
         lookahead->order[i] = i;
 }
 
-/* Before the command is collected: a record is never taken before a command that was given before it. */
 void sj_lookahead_see(sj_kernel *kernel)
 {
     sj_inputs_ring(kernel);
@@ -35,7 +52,8 @@ static void answer(sj_kernel *kernel, const sj_waiting *waiting, int32_t axis, i
             sj_events_answer(kernel, waiting->record.goal_id, axis, result);
 }
 
-/* A segment's path has the answer; what comes of it later is of a path that is over. */
+/* The answer of a segment is that of its path. A path that was dropped was never open: the segments
+ * of it that still come are known by its goal id. */
 static void drop(sj_kernel *kernel, const sj_waiting *waiting, int32_t result)
 {
     if (waiting->record.kind == SJ_RECORD_PATH && kernel->path.newest < waiting->record.goal_id)
@@ -44,7 +62,7 @@ static void drop(sj_kernel *kernel, const sj_waiting *waiting, int32_t result)
         sj_events_answer(kernel, waiting->record.goal_id, -1, result);
 }
 
-/* Frees place i of the order. */
+/* Frees the place of record i in the order. */
 static void forget(sj_lookahead *lookahead, int32_t i)
 {
     int32_t place = lookahead->order[i];
@@ -83,7 +101,8 @@ void sj_lookahead_drop(sj_kernel *kernel, uint64_t axes, uint64_t first, uint64_
     }
     if (order.last <= kernel->ring_taken)
         return; /* none of them is still in the ring */
-    if (lookahead->drops == SJ_LOOKAHEAD_DROPS) { /* rather one too many: nothing moves that should not */
+    if (lookahead->drops == SJ_LOOKAHEAD_DROPS) {
+        /* rather one record too many is dropped: nothing moves that should not */
         sj_drop *newest = &lookahead->drop[SJ_LOOKAHEAD_DROPS - 1];
         newest->first = first < newest->first ? first : newest->first;
         newest->last = order.last > newest->last ? order.last : newest->last;
@@ -98,7 +117,8 @@ void sj_lookahead_stop(sj_kernel *kernel, uint64_t axes)
     sj_lookahead_drop(kernel, axes, 0, kernel->lookahead.stop, SJ_RESULT_STOPPED);
 }
 
-/* Whether a record that has just been taken is among them; orders that all have passed are over. */
+/* The order under which a record that has just been taken is dropped, or NULL. Orders whose last record
+ * has come are forgotten. */
 static const sj_drop *dropped(sj_lookahead *lookahead, const sj_waiting *waiting)
 {
     int32_t kept = 0;
@@ -125,7 +145,7 @@ static uint64_t axes_of(const sj_kernel *kernel, const sj_record *record)
 /* What taking one record came to. */
 enum { TAKE_NONE = 0, TAKE_TAKEN = 1, TAKE_DROPPED = 2, TAKE_CORRUPT = 3 };
 
-/* A ring that is spoilt is reported once; no record is taken until the host flushes it. */
+/* A ring that is corrupt is reported once; no record is taken until the host flushes it. */
 static int32_t take(sj_kernel *kernel)
 {
     sj_lookahead *lookahead = &kernel->lookahead;
@@ -152,7 +172,7 @@ static int32_t take(sj_kernel *kernel)
     waiting->spent = 0;
     waiting->refused = -1;
     result = waiting->record.kind == SJ_RECORD_MOVE ? sj_queue_judge(kernel, waiting)
-                                                 : SJ_RESULT_ACCEPTED;
+                                                    : SJ_RESULT_ACCEPTED;
     order = dropped(lookahead, waiting);
     if (order != NULL) {
         drop(kernel, waiting, order->result);
@@ -174,14 +194,15 @@ int32_t sj_lookahead_take(sj_kernel *kernel)
     const sj_lookahead *lookahead = &kernel->lookahead;
     int32_t takes = 0, passes = 0;
 
-    while (takes < SJ_LOOKAHEAD_TAKES && passes < SJ_LOOKAHEAD_PASSES && lookahead->count < SJ_LOOKAHEAD) {
+    while (takes < SJ_LOOKAHEAD_TAKES && passes < SJ_LOOKAHEAD_PASSES &&
+           lookahead->count < SJ_LOOKAHEAD) {
         uint64_t taken = kernel->ring_taken;
-        int32_t spoilt = kernel->feedback.ring_spoilt, status;
+        int32_t known = kernel->feedback.ring_spoilt, status;
         if (taken == lookahead->seen || (takes + passes > 0 && taken > lookahead->seen))
             break;
         status = take(kernel);
         if (status == TAKE_CORRUPT)
-            return !spoilt;
+            return !known;
         passes += status == TAKE_DROPPED;
         takes += status != TAKE_DROPPED;
     }

@@ -41,7 +41,7 @@ static inline void axis_give_up(sj_axis *ax)
     ax->held = ax->reached = ax->blends = 0;
 }
 
-/* Motions wait on their way. */
+/* Whether motions are held. */
 static inline int32_t goal_held(const sj_kernel *kernel)
 {
     return kernel->hold || kernel->override == 0.0;

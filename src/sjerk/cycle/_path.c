@@ -1,8 +1,10 @@
 /* The path in play: records of the ring become its segments, its positions those of its axes.
  *
- * One path at a time, from rest at its first way-point. Pause, hold and speed act on its pace; a halt
- * is a stop on the path, a quick stop leaves it, a goal for one of its axes takes that axis away.
- * Never here: positions along the path (_track.c), its speed (_pace.c), drives, memory of its own.
+ * One path at a time, from rest at its first way-point. Pause, hold and speed act on its feed; a halt
+ * is a stop on the path, a quick stop leaves it, a goal for one of its axes takes that axis away, and
+ * the others come to rest on the path. It ends on its last way-point, at rest on the path, or left.
+ *
+ * Never here: positions along the path (_track.c), its feed (_pace.c), drives, memory of its own.
  */
 #include <math.h>   /* fabs, fmax, fmin */
 #include <stddef.h>
@@ -25,7 +27,8 @@ static int32_t judge(const sj_kernel *kernel, const sj_record *record, int32_t a
         return ax->following || ax->error || ax->homing ? SJ_RESULT_STATE : SJ_RESULT_NOT_FOLLOWING;
     if (!ax->following || !ax->enable)
         return SJ_RESULT_NOT_FOLLOWING;
-    if (!(fabs(record->axis[axis].position - ax->interpolator.q.hi) <= START * ax->config.limits.jerk))
+    if (!(fabs(record->axis[axis].position - ax->interpolator.q.hi) <=
+          START * ax->config.limits.jerk))
         return SJ_RESULT_START;
     return SJ_RESULT_ACCEPTED;
 }
@@ -78,7 +81,7 @@ static int32_t open(sj_kernel *kernel, sj_waiting *waiting)
         path->axis[path->count++] = i;
         ax->goal_id = path->goal_id;
         ax->goal.kind = SJ_GOAL_NONE;
-        ax->held = 1; /* on its way, moving or not */
+        ax->held = 1;
         ax->reached = 0;
         out->peak_velocity = out->peak_acceleration = out->peak_jerk = 0.0;
         sj_events_trigger(kernel, i, SJ_TRIGGER_SYNCHRONIZE);
@@ -99,7 +102,8 @@ static int32_t splice(sj_kernel *kernel, const sj_waiting *waiting)
         path->newest = waiting->record.goal_id;
     if (path->axes != axes || path->cancelled || waiting->axes != axes ||
         waiting->record.number > SJ_CYCLES_MAX ||
-        sj_player_cut(&path->player, (int64_t)waiting->record.number, waiting->record.cycles[0]) != 0)
+        sj_player_cut(&path->player, (int64_t)waiting->record.number,
+                      waiting->record.cycles[0]) != 0)
         return -SJ_RESULT_BEGUN;
     path->goal_id = waiting->record.goal_id;
     for (int32_t k = 0; k < path->count; k++)
@@ -184,27 +188,27 @@ void sj_path_release(sj_kernel *kernel, uint64_t axes)
 uint64_t sj_path_halt(sj_kernel *kernel, uint64_t axes)
 {
     sj_path *path = &kernel->path;
-    uint64_t led = path->axes;
-    if ((axes & led) == 0)
+    uint64_t driven = path->axes;
+    if ((axes & driven) == 0)
         return 0;
     path->cancelled = 1;
     for (int32_t k = 0; k < path->count; k++)
-        if (led & axis_bit(path->axis[k]))
+        if (driven & axis_bit(path->axis[k]))
             sj_events_trigger(kernel, path->axis[k], SJ_TRIGGER_HALT);
-    return led;
+    return driven;
 }
 
-/* All axes by themselves again, each as it goes on from the path. */
+/* All its axes go on by themselves, each from its state on the path. */
 static uint64_t let_go(sj_kernel *kernel)
 {
-    uint64_t led = kernel->path.axes;
+    uint64_t driven = kernel->path.axes;
     for (int32_t i = 0; i < kernel->axes; i++)
-        if (led & axis_bit(i)) {
+        if (driven & axis_bit(i)) {
             sj_path_hand_over(kernel, i);
             kernel->axis[i].held = 0;
         }
-    sj_path_release(kernel, led);
-    return led;
+    sj_path_release(kernel, driven);
+    return driven;
 }
 
 uint64_t sj_path_leave(sj_kernel *kernel, uint64_t axes)
@@ -214,17 +218,18 @@ uint64_t sj_path_leave(sj_kernel *kernel, uint64_t axes)
 
 /* ---- one cycle ------------------------------------------------------------------------------- */
 
-static double wish_of(const sj_kernel *kernel)
+/* 0 .. 2; 1 is the path as it was planned. */
+static double commanded_feed(const sj_kernel *kernel)
 {
     const sj_path_command *command = &kernel->command.path;
-    double wish = kernel->override;
+    double feed = kernel->override;
     if (kernel->path.cancelled || kernel->hold)
         return 0.0;
     if (command->goal_id != kernel->path.root)
-        return wish;
+        return feed;
     if (command->pause || !(command->speed >= 0.0))
         return 0.0;
-    return fmin(wish * command->speed, 2.0);
+    return fmin(feed * command->speed, 2.0);
 }
 
 static void end(sj_kernel *kernel, int32_t state)
@@ -243,7 +248,7 @@ static void end(sj_kernel *kernel, int32_t state)
     sj_events_path(kernel, state);
 }
 
-static void lead(sj_kernel *kernel)
+static void put_samples(sj_kernel *kernel)
 {
     sj_path *path = &kernel->path;
     const sj_player *player = &path->player;
@@ -257,7 +262,7 @@ static void lead(sj_kernel *kernel)
     }
 }
 
-static void report(sj_kernel *kernel)
+static void report_place(sj_kernel *kernel)
 {
     const sj_player *player = &kernel->path.player;
     const sj_track *track = &player->track;
@@ -292,12 +297,12 @@ uint64_t sj_path_step(sj_kernel *kernel)
 
     if (path->axes == 0)
         return 0;
-    player->wish = wish_of(kernel);
+    player->wish = commanded_feed(kernel);
     status = sj_player_step(player);
-    report(kernel);
+    report_place(kernel);
     if (status == SJ_PACE_LOST)
         return let_go(kernel);
-    lead(kernel);
+    put_samples(kernel);
     if (status == SJ_PACE_DONE)
         end(kernel, SJ_PATH_DONE);
     else if (path->cancelled && status == SJ_PACE_RESTS && player->rests >= 3)
@@ -307,6 +312,7 @@ uint64_t sj_path_step(sj_kernel *kernel)
     else if (status == SJ_PACE_STARVES && player->begun)
         sj_events_path(kernel, SJ_PATH_STARVES);
     else if (player->begun || status == SJ_PACE_RESTS)
-        sj_events_path(kernel, status == SJ_PACE_RESTS && player->wish == 0.0 ? SJ_PATH_PAUSED : SJ_PATH_RUNS);
+        sj_events_path(kernel, status == SJ_PACE_RESTS && player->wish == 0.0 ? SJ_PATH_PAUSED
+                                                                              : SJ_PATH_RUNS);
     return 0;
 }

@@ -42,7 +42,7 @@ enum sj_event_kind {
     SJ_EVENT_LATE = 6,                  /* value: cycles of the clock that were skipped */
     SJ_EVENT_ANCHOR = 7,                /* the drive left; the command is the actual position */
     SJ_EVENT_LIMITS = 8,                /* code: enum sj_result of new limits */
-    SJ_EVENT_PATH = 9,                  /* code: new enum sj_path_state, value: way-point ahead */
+    SJ_EVENT_PATH = 9,                  /* code: new enum sj_path_state, value: next way-point */
     SJ_EVENT_REACHED = 10,              /* all axes are on the goal of goal_id, in this frame */
     SJ_EVENT_SYNC = 11,                 /* the axis lost its master; code: 603Fh, 0: its image is stale */
     SJ_EVENTS = 12
@@ -172,7 +172,7 @@ enum sj_path_state {
     SJ_PATH_NONE = 0,                   /* there was none yet */
     SJ_PATH_RUNS = 1,
     SJ_PATH_PAUSED = 2,                 /* at rest on it: pause, hold, speed 0 */
-    SJ_PATH_STARVES = 3,                /* stops or rests on it for want of segments */
+    SJ_PATH_STARVES = 3,                /* stops, or is at rest, on it for want of segments */
     SJ_PATH_STOPS = 4,                  /* on it, to be forgotten */
     SJ_PATH_DONE = 5,                   /* on its last way-point */
     SJ_PATH_STOPPED = 6,                /* at rest on it, and forgotten */
@@ -182,7 +182,7 @@ enum sj_path_state {
 /* The path in play, or the last one. */
 typedef struct {
     uint64_t goal_id, axes;             /* bit n: axis n */
-    int64_t number;                     /* of the way-point ahead */
+    int64_t number;                     /* of the next way-point */
     int64_t known;                      /* of the last one taken */
     double cycle;                       /* passed since the way-point before, path cycles */
     double speed;                       /* 1 = as planned */

@@ -1,8 +1,14 @@
 /* Queued moves, PLCopen's buffer modes: a move is begun when its axes are done with the one before,
- * or the one before is planned anew to pass its goal with a velocity that the next takes over.
+ * or the one before is planned anew to blend into it.
  *
- * Nothing depends on a record that may not come: a move that is passed to has come. Never here: the
- * ring, time, drives, velocities and plans of a passage (_passage.c).
+ * A blend is tried once per cycle, with all of the velocity that _blend.c chose, then three quarters,
+ * a half and a quarter of it; where none serves, or both moves together would take longer than
+ * waiting, the move waits: a blend that cannot be is a buffered move. It is taken back when a hold,
+ * an override or a stop comes in between. Nothing depends on a record that may not come: a move is
+ * blended only into one that waits already.
+ *
+ * Never here: the ring and whose turn it is (_lookahead.c), velocities and plans of a blend
+ * (_blend.c), drives, time.
  */
 #include <stddef.h>
 #include <stdint.h>
@@ -54,7 +60,7 @@ static int32_t is_done(const sj_kernel *kernel, const sj_axis *ax)
     return 1;
 }
 
-/* Done with what it did: at rest, past its goal, or at the velocity of a jog. */
+/* Done with the motion before: at rest, past its goal, or at the velocity of a jog. */
 static int32_t is_free(const sj_kernel *kernel, const sj_axis *ax)
 {
     const sj_interpolator *ip = &ax->interpolator;
@@ -109,7 +115,7 @@ static int32_t begin(sj_kernel *kernel, sj_waiting *waiting)
     return -result;
 }
 
-/* ---- the passage ---- */
+/* ---- blending ---- */
 
 static void add_before(const sj_kernel *kernel, sj_blend *b, int32_t axis)
 {
@@ -127,7 +133,8 @@ static int32_t under_way(const sj_axis *ax)
            !ax->interpolator.goal_free;
 }
 
-/* Whether all axes of the next move are at rest or in one move that may pass its goal. */
+/* Both moves of a blend; whether all axes of the next one are at rest or in one move that may pass its
+ * goal. */
 static int32_t find(const sj_kernel *kernel, const sj_waiting *waiting, sj_blend *b)
 {
     uint64_t before = 0, goal_id = 0;
@@ -139,14 +146,14 @@ static int32_t find(const sj_kernel *kernel, const sj_waiting *waiting, sj_blend
         if (!under_way(ax) || ax->blends || (before && ax->goal_id != goal_id))
             return 0;
         goal_id = ax->goal_id;
-        before |= UINT64_C(1) << i;
+        before |= axis_bit(i);
     }
     for (int32_t i = 0; i < kernel->axes; i++) {
         const sj_axis *ax = &kernel->axis[i];
         if (!under_way(ax) || ax->goal_id != goal_id)
             continue;
         if (ax->goal.goal_velocity != 0.0)
-            return 0; /* was told how to arrive */
+            return 0; /* its velocity at the goal was asked for */
         add_before(kernel, b, i);
     }
     for (int32_t i = 0; i < b->n && b->n > 1; i++)
@@ -181,7 +188,7 @@ static int32_t still_possible(const sj_kernel *kernel, sj_waiting *waiting, cons
     return OFFER_WAIT;
 }
 
-/* One try per cycle; where it fails the next is a slower one. Never slower than waiting. */
+/* One try per cycle; where it fails the next try is a slower one. Never slower than waiting. */
 static int32_t blend(sj_kernel *kernel, sj_waiting *waiting)
 {
     static const double rest[SJ_AXES] = {0};
@@ -228,7 +235,7 @@ static uint64_t blending_of(const sj_kernel *kernel, uint64_t axes, int32_t reac
     uint64_t found = 0;
     for (int32_t i = 0; i < kernel->axes; i++)
         if ((axes >> i & 1) && kernel->axis[i].blends && (!reached || kernel->axis[i].reached))
-            found |= UINT64_C(1) << i;
+            found |= axis_bit(i);
     return found;
 }
 
@@ -265,7 +272,7 @@ int32_t sj_queue_release(sj_kernel *kernel, const int32_t *axes, int32_t n)
 
     b.n = 0;
     for (int32_t i = 0; i < n; i++) {
-        set |= UINT64_C(1) << axes[i];
+        set |= axis_bit(axes[i]);
         add_before(kernel, &b, axes[i]);
     }
     if (blending_of(kernel, set, 0) != 0) {

@@ -69,7 +69,7 @@ void sj_react_stop_homing(sj_kernel *kernel, uint64_t axes)
         if ((axes & axis_bit(i)) && kernel->axis[i].homing) {
             sj_events_trigger(kernel, i, SJ_TRIGGER_HALT);
             kernel->axis[i].homing = 0;
-            kernel->axis[i].drive_stop = 1; /* the planner does not lead it */
+            kernel->axis[i].drive_stop = 1; /* it is not driven by the planner */
         }
 }
 

@@ -20,13 +20,13 @@ void sj_trace_put(sj_kernel *kernel, int32_t kind, uint64_t number, const void *
     sj_event_publish(kernel->trace, &kernel->item);
 }
 
-static uint32_t flags_of(const sj_axis *ax, int32_t led, int32_t paced, int32_t stale)
+static uint32_t flags_of(const sj_axis *ax, int32_t path, int32_t feed_hold, int32_t stale)
 {
     int32_t moving = ax->homing || (ax->following && (axis_moving(ax) || ax->held));
     return (moving ? SJ_TRACE_MOVING : 0U) | (ax->reached ? SJ_TRACE_SETTLED : 0U) |
            (ax->following ? SJ_TRACE_FOLLOWS : 0U) | (ax->held ? SJ_TRACE_HELD : 0U) |
-           (ax->drive_stop ? SJ_TRACE_DRIVE_STOP : 0U) | (led ? SJ_TRACE_PATH : 0U) |
-           (stale ? SJ_TRACE_STALE : 0U) | (paced ? SJ_TRACE_FEED_HOLD : 0U);
+           (ax->drive_stop ? SJ_TRACE_DRIVE_STOP : 0U) | (path ? SJ_TRACE_PATH : 0U) |
+           (stale ? SJ_TRACE_STALE : 0U) | (feed_hold ? SJ_TRACE_FEED_HOLD : 0U);
 }
 
 static void write_axis(const sj_kernel *kernel, int32_t i, sj_axis_trace *out)

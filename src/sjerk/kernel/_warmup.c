@@ -3,7 +3,7 @@
  *
  * A processor that has slept has forgotten code, addresses and the outcomes of branches; the copy takes
  * the branches that the cycle will take, but for what comes from outside in between: goals, records,
- * motions that are led along a path. Never here: decisions, time, memory of its own.
+ * motions that are driven by a path. Never here: decisions, time, memory of its own.
  */
 #include <stddef.h>
 #include <stdint.h>
