@@ -13,6 +13,7 @@ the files, what is included or called, and the rooms; the exit code is 1 if ther
 from __future__ import annotations
 
 import argparse
+import itertools
 import os
 import re
 import subprocess
@@ -125,7 +126,7 @@ def circles(uses: Iterable[Use]) -> Iterator[str]:
             arrows.setdefault(use.file, {}).setdefault(use.other, use.what)
     for group in _components(arrows):
         way = _circle(arrows, group)
-        steps = [f"{one} -> {two} ({arrows[one][two]})" for one, two in zip(way, way[1:], strict=False)]
+        steps = [f"{a} -> {b} ({arrows[a][b]})" for a, b in itertools.pairwise(way)]
         yield f"circle of {len(group)} files in {room_of(way[0])}: {', '.join(steps)}"
 
 

@@ -14,7 +14,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from sjerk.errors import InputError, SjerkError, positive
-from sjerk.kernel.kernel import MotionKernel
+from sjerk.kernel import MotionKernel
 from sjerk.ports.canopen.node import sender
 
 #: Node number under which the master's heartbeat is sent.
