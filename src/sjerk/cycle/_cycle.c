@@ -21,7 +21,7 @@
 static void look_ahead(sj_kernel *kernel)
 {
     if (sj_lookahead_take(kernel))
-        sj_react(kernel, SJ_CAUSE_SPOILT, all_axes(kernel));
+        sj_react(kernel, SJ_CAUSE_CORRUPT, all_axes(kernel));
     sj_lookahead_offer(kernel);
 }
 

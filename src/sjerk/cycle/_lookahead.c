@@ -155,14 +155,14 @@ static int32_t take(sj_kernel *kernel)
     int32_t result;
 
     if (status < 0) {
-        if (!kernel->feedback.ring_spoilt) {
+        if (!kernel->feedback.ring_corrupt) {
             kernel->feedback.corrupt++;
-            sj_events_report(kernel, SJ_EVENT_SPOILT, -1, status, 0.0);
+            sj_events_report(kernel, SJ_EVENT_CORRUPT, -1, status, 0.0);
         }
-        kernel->feedback.ring_spoilt = 1;
+        kernel->feedback.ring_corrupt = 1;
         return TAKE_CORRUPT;
     }
-    kernel->feedback.ring_spoilt = 0;
+    kernel->feedback.ring_corrupt = 0;
     if (status == 0)
         return TAKE_NONE;
     waiting->number = kernel->ring_taken;
@@ -197,7 +197,7 @@ int32_t sj_lookahead_take(sj_kernel *kernel)
     while (takes < SJ_LOOKAHEAD_TAKES && passes < SJ_LOOKAHEAD_PASSES &&
            lookahead->count < SJ_LOOKAHEAD) {
         uint64_t taken = kernel->ring_taken;
-        int32_t known = kernel->feedback.ring_spoilt, status;
+        int32_t known = kernel->feedback.ring_corrupt, status;
         if (taken == lookahead->seen || (takes + passes > 0 && taken > lookahead->seen))
             break;
         status = take(kernel);

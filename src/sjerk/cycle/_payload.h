@@ -36,7 +36,7 @@ enum sj_event_kind {
     SJ_EVENT_GOAL = 0,                  /* code: enum sj_result of goal_id */
     SJ_EVENT_STATE = 1,                 /* code: new state of the axis, value: the one before */
     SJ_EVENT_HOST = 2,                  /* code: enum sj_shm_host_state */
-    SJ_EVENT_SPOILT = 3,                /* a command or record that a wild writer made corrupt */
+    SJ_EVENT_CORRUPT = 3,               /* a command or record that a wild writer made corrupt */
     SJ_EVENT_FAULT = 4,                 /* code: 603Fh of the axis' drive */
     SJ_EVENT_FOLLOWING = 5,             /* value: the following error, axis unit */
     SJ_EVENT_LATE = 6,                  /* value: cycles of the clock that were skipped */
@@ -54,7 +54,7 @@ enum sj_cause {                         /* what a kernel can react to */
     SJ_CAUSE_DRIVE_FAULT = 2,           /* the other axes; the faulted one is its drive's */
     SJ_CAUSE_FOLLOWING_ERROR = 3,
     SJ_CAUSE_OVERRUN = 4,
-    SJ_CAUSE_SPOILT = 5,
+    SJ_CAUSE_CORRUPT = 5,
     SJ_CAUSE_SYNC_LOST = 6,             /* the other axes, as after a fault */
     SJ_CAUSES = 7
 };
@@ -236,7 +236,7 @@ typedef struct {
     int32_t result, result_axis;        /* enum sj_result; axis that refused, or -1 */
     uint64_t feed_hold;                 /* bit n: axis n is on its planned path, at another feed */
     int32_t axes, ending, hold;
-    int32_t ring_spoilt;                /* 1: no record is taken until the host flushes the ring */
+    int32_t ring_corrupt;               /* 1: no record is taken until the host flushes the ring */
     sj_path_feedback path;
     sj_axis_feedback axis[64];
 } sj_feedback;
