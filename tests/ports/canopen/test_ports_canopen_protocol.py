@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from sjerk.__main__ import main
-from sjerk.cia402 import Drive, State
+from sjerk.cia402 import Drive, DriveState
 from sjerk.drive.device import Device
 from sjerk.drive.objects import DISABLED, Abort
 from sjerk.ports import canopen as port
@@ -204,7 +204,7 @@ def test_a_stopped_node_answers_nothing_and_its_drive_reacts() -> None:
     wire.put(0x600 + NODE, bytes((0x40, 0, 0x10, 0, 0, 0, 0, 0)))
     assert not wire.take(0x585)
     wire.pass_time(1.0)
-    assert wire.device.feedback.state is State.FAULT
+    assert wire.device.feedback.state is DriveState.FAULT
     assert wire.device.feedback.error_code == 0x8130
 
 
@@ -251,7 +251,7 @@ def test_each_sync_is_a_period_and_a_tpdo() -> None:
     assert wire.device.drive.cycles == cycles + 1
     (tpdo,) = wire.take(0x185)
     word, mode, position = struct.unpack("<Hbi", tpdo)
-    assert State.of(word) is State.READY_TO_SWITCH_ON
+    assert DriveState.of(word) is DriveState.READY_TO_SWITCH_ON
     assert (mode, position) == (8, 0)
     wire.write(0x1800, 2, 4)
     for _ in range(12):
@@ -283,7 +283,7 @@ def test_event_driven_pdos_need_no_sync() -> None:
     wire.put(0x205, struct.pack("<Hbi", 6, 8, 0))
     wire.pass_time(0.01)
     (tpdo,) = wire.take(0x185)
-    assert State.of(tpdo[0] | tpdo[1] << 8) is State.READY_TO_SWITCH_ON
+    assert DriveState.of(tpdo[0] | tpdo[1] << 8) is DriveState.READY_TO_SWITCH_ON
     wire.write(0x1800, 5, 100)
     wire.pass_time(1.0)
     assert 9 <= len(wire.take(0x185)) <= 11
@@ -396,15 +396,15 @@ def test_an_emergency_tells_a_fault_and_its_end() -> None:
 def test_states_are_announced() -> None:
     """The present one and each that follows, once."""
     wire = Wire()
-    seen: list[State] = []
+    seen: list[DriveState] = []
     wire.node.announce(seen.append)
     wire.enable()
     wire.sync(0x0F)
     assert seen == [
-        State.SWITCH_ON_DISABLED,
-        State.READY_TO_SWITCH_ON,
-        State.SWITCHED_ON,
-        State.OPERATION_ENABLED,
+        DriveState.SWITCH_ON_DISABLED,
+        DriveState.READY_TO_SWITCH_ON,
+        DriveState.SWITCHED_ON,
+        DriveState.OPERATION_ENABLED,
     ]
 
 

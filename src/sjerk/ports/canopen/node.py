@@ -18,7 +18,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Protocol
 
-from sjerk.cia402 import MOTORS, Drive, DriveConfig, Fault, State
+from sjerk.cia402 import MOTORS, Drive, DriveConfig, DriveFault, DriveState
 from sjerk.drive.device import Device
 from sjerk.drive.objects import DISABLED, PDOS, Abort, SdoError, entry
 from sjerk.errors import ExtraMissingError
@@ -159,10 +159,10 @@ class Node:
         self.device = device
         self.nmt = INITIALISING
         self._send = send
-        self._on_state: Callable[[State], None] | None = None
+        self._on_state: Callable[[DriveState], None] | None = None
         self._sdo = SdoServer(device)
         self._error = 0
-        self._state: State | None = None
+        self._state: DriveState | None = None
         self._heartbeat_due = now
         self._master_due: float | None = None
         self._synced = False
@@ -174,7 +174,7 @@ class Node:
         self._sampled: list[bytes] = [b""] * PDOS
         self._boot(now)
 
-    def announce(self, on_state: Callable[[State], None]) -> None:
+    def announce(self, on_state: Callable[[DriveState], None]) -> None:
         """Have `on_state` told the present state and each one that follows."""
         self._on_state = on_state
         on_state(self.device.feedback.state)
@@ -231,7 +231,7 @@ class Node:
                 return
         self._pending.clear()
         # a stopped node has no master: 6007h decides
-        self.device.drive.inject(Fault.LOST_LINK, self.nmt == STOPPED)
+        self.device.drive.inject(DriveFault.LOST_LINK, self.nmt == STOPPED)
 
     def _boot(self, now: float) -> None:
         self._sdo = SdoServer(self.device)
@@ -240,7 +240,7 @@ class Node:
         self._heartbeat_due = now
         self._master_due = None
         self._pending.clear()
-        self.device.drive.inject(Fault.LOST_LINK, False)
+        self.device.drive.inject(DriveFault.LOST_LINK, False)
         self.nmt = PRE_OPERATIONAL
         self._send(0x700 + self.device.node_id, b"\0")
         self._after_cycle()
@@ -249,7 +249,7 @@ class Node:
         watched = int(self.device.read(0x1016, 1))
         if watched >> 16 & 0x7F == node and watched & 0xFFFF:
             if self._master_due is not None and self.nmt != STOPPED:
-                self.device.drive.inject(Fault.LOST_LINK, False)
+                self.device.drive.inject(DriveFault.LOST_LINK, False)
             self._master_due = now + (watched & 0xFFFF) * 1e-3
 
     def _process_data(self, identifier: int, data: bytes) -> None:
@@ -315,14 +315,14 @@ class Node:
         if self._cycle_due <= now - CATCH_UP_S:
             self._cycle_due = now
         while self._cycle_due <= now:
-            enabled = device.feedback.state is State.OPERATION_ENABLED
+            enabled = device.feedback.state is DriveState.OPERATION_ENABLED
             self._synced = self._synced and enabled
             device.cycle(sync_missed=self._synced)
             self._after_cycle()
             self._cycle_due += device.drive.config.period_s
         if self._master_due is not None and self._master_due <= now:
             self._master_due = None
-            device.drive.inject(Fault.LOST_LINK)
+            device.drive.inject(DriveFault.LOST_LINK)
         interval = int(device.read(0x1017)) * 1e-3
         if interval and self._heartbeat_due <= now:
             self._send(0x700 + device.node_id, bytes((self.nmt,)))
@@ -450,7 +450,7 @@ def run(arguments: argparse.Namespace) -> int:
         print(f"no bus {arguments.interface} {arguments.channel}: {error}", file=sys.stderr)
         return 1
 
-    def tell(state: State) -> None:
+    def tell(state: DriveState) -> None:
         print(f"node {arguments.node}: {state.name.replace('_', ' ').lower()}", flush=True)
 
     with bus:
