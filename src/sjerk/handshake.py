@@ -3,7 +3,7 @@
 ``Segment`` is one opened segment, ``HostWatch`` looks whether its host lives. This module is the
 front of the room: ``Layout`` and ``raise_for_status`` come from ``sjerk.dpram.layout``, ``clean``
 and ``SegmentInfo`` from ``sjerk.dpram.inventory``. How bytes are laid out and exchanged is C
-(``_handshake.c``). Never here: what a command or a feedback frame means.
+(``dpram/``). Never here: what a command or a feedback frame means.
 """
 
 from __future__ import annotations

@@ -45,7 +45,7 @@ def test_every_row_is_readable_and_its_default_is_the_value() -> None:
                 (0x1003, 0),
                 (0x2100, 2),
             ):
-                expected = sjerk.objects.default(row, 5)
+                expected = sjerk.drive.objects.default(row, 5)
                 assert device.read(row.index, row.sub) == expected, (hex(row.index), row.sub)
 
 
@@ -62,7 +62,7 @@ def test_the_data_sheet_is_accepted_and_tells_the_same() -> None:
             assert read.writable is (row.access != "ro")
             assert read.pdo_mappable is bool(row.pdo)
             assert (
-                read.default == pytest.approx(sjerk.objects.default(row, 5))
+                read.default == pytest.approx(sjerk.drive.objects.default(row, 5))
                 if (row.type is not Type.VISIBLE_STRING)
                 else read.default == row.default
             )

@@ -30,7 +30,7 @@ LAYOUT = Layout(
     abi=5,
 )
 DETERMINISTIC = settings(derandomize=True, deadline=None, max_examples=300)
-READY = 96  # offset in the header; see _handshake.c
+READY = 96  # offset in the header; see _pages.h
 
 
 @pytest.fixture

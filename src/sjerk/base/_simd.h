@@ -4,6 +4,7 @@
  * the same order, no fused ones, so the same bits.
  */
 #pragma once
+#include <stddef.h> /* size_t */
 
 /* Sanitizers start after the resolver of such a function runs. */
 #if defined(__x86_64__) && defined(__GLIBC__) && defined(__GNUC__) && !defined(__SANITIZE_ADDRESS__)

@@ -1,5 +1,7 @@
-/* A passage, shared by _queue.c (when) and _passage.c (how fast, along which plans). */
+/* A passage, shared by _queue.c (when) and _blend.c (how fast, along which plans). */
 #pragma once
+#include <stdint.h>
+#include "cycle/_motion.h"
 
 /* A move under way and the next one, on the axes of both. */
 typedef struct {
@@ -13,12 +15,12 @@ typedef struct {
 } passage;
 
 /* Fills `velocity` as the buffer mode asks, as far as both ways allow; whether any axis passes. */
-int32_t sj_passage_choose(sj_kernel *kernel, int32_t mode, int32_t synchronization, passage *p);
+int32_t sj_blend_choose(sj_kernel *kernel, int32_t mode, int32_t synchronization, passage *p);
 /* The axes of the move under way to their goals with these velocities, into kernel->trial. The cycles
  * it takes; -1: not without a way round, or not within the position limits. */
-int64_t sj_passage_before(sj_kernel *kernel, const passage *p, const double *velocity);
+int64_t sj_blend_before(sj_kernel *kernel, const passage *p, const double *velocity);
 /* The next move from these velocities to its own goals; its cycles, or -1. */
-int64_t sj_passage_next(sj_kernel *kernel, const passage *p, const sj_record *record,
-                        const double *velocity);
-/* Takes over what sj_passage_before planned. */
-void sj_passage_load(sj_kernel *kernel, const passage *p, const double *velocity);
+int64_t sj_blend_next(sj_kernel *kernel, const passage *p, const sj_record *record,
+                      const double *velocity);
+/* Takes over what sj_blend_before planned. */
+void sj_blend_load(sj_kernel *kernel, const passage *p, const double *velocity);

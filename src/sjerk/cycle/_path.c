@@ -7,24 +7,14 @@
 #include <math.h>   /* fabs, fmax, fmin */
 #include <stddef.h>
 #include <stdint.h>
-#include "_cycle.h"
-#include "base/_double_double.h" /* the interpolator's numbers */
+#include "base/_double_double.h"
+#include "cycle/_axis.h"
+#include "cycle/_events.h"
+#include "cycle/_motion.h"
+#include "cycle/_path.h"
 
 /* How far off a path may begin, as a part of what one cycle of jerk moves. */
 static const double START = 1e-3;
-
-static uint64_t bit(int32_t axis) { return UINT64_C(1) << axis; }
-
-static void become(sj_kernel *kernel, int32_t state)
-{
-    sj_path_feedback *out = &kernel->feedback.path;
-    if (out->state == state)
-        return;
-    out->state = state;
-    sj_kernel_event event = {kernel->feedback.cycle + 1, kernel->feedback.time_ns,
-                             kernel->path.goal_id, (double)out->number, SJ_EVENT_PATH, -1, state, 0};
-    sj_trace_event(kernel, &event);
-}
 
 /* ---- records --------------------------------------------------------------------------------- */
 
@@ -58,7 +48,7 @@ static int32_t open(sj_kernel *kernel, sj_held *held)
     sj_track_limits limits[SJ_AXES];
 
     for (int32_t i = 0; i < kernel->axes; i++)
-        if (held->axes & bit(i)) {
+        if (held->axes & axis_bit(i)) {
             const sj_axis *ax = &kernel->axis[i];
             if (ax->following && (axis_moving(ax) || ax->parked))
                 return OFFER_WAIT;
@@ -68,7 +58,7 @@ static int32_t open(sj_kernel *kernel, sj_held *held)
     if (path->newest < held->record.goal_id)
         path->newest = held->record.goal_id;
     for (int32_t i = 0; i < kernel->axes; i++)
-        if (held->axes & bit(i)) {
+        if (held->axes & axis_bit(i)) {
             int32_t result = judge(kernel, &held->record, i);
             if (result != SJ_RESULT_ACCEPTED) {
                 held->refused = i;
@@ -81,7 +71,7 @@ static int32_t open(sj_kernel *kernel, sj_held *held)
     for (int32_t i = 0; i < kernel->axes; i++) {
         sj_axis *ax = &kernel->axis[i];
         sj_axis_feedback *out = &kernel->feedback.axis[i];
-        if ((held->axes & bit(i)) == 0)
+        if ((held->axes & axis_bit(i)) == 0)
             continue;
         position[path->count] = held->record.axis[i].position;
         limits[path->count] = limits_of(ax);
@@ -91,7 +81,7 @@ static int32_t open(sj_kernel *kernel, sj_held *held)
         ax->parked = 1; /* on its way, moving or not */
         ax->reached = 0;
         out->peak_velocity = out->peak_acceleration = out->peak_jerk = 0.0;
-        sj_cycle_trigger(kernel, i, SJ_TRIGGER_SYNCHRONIZE);
+        sj_events_trigger(kernel, i, SJ_TRIGGER_SYNCHRONIZE);
     }
     sj_track_begin(&path->player.track, path->count, position, limits);
     sj_player_begin(&path->player);
@@ -162,7 +152,7 @@ int32_t sj_path_offer(sj_kernel *kernel, sj_held *held)
 void sj_path_hand_over(sj_kernel *kernel, int32_t axis)
 {
     const sj_path *path = &kernel->path;
-    if ((path->led & bit(axis)) == 0)
+    if ((path->led & axis_bit(axis)) == 0)
         return;
     for (int32_t k = 0; k < path->count; k++)
         if (path->axis[k] == axis) {
@@ -176,7 +166,7 @@ void sj_path_hand_over(sj_kernel *kernel, int32_t axis)
             /* whatever became of the axis' own since the path began */
             ax->ceiling = (sj_limits){kept->velocity, kept->acceleration, kept->jerk,
                                       kept->acceleration, kept->jerk};
-            sj_goal_ceiling(ax);
+            sj_axis_ceiling(ax);
         }
 }
 
@@ -188,7 +178,7 @@ void sj_path_release(sj_kernel *kernel, uint64_t axes)
     path->led &= ~axes;
     path->cancelled = 1;
     if (path->led == 0)
-        become(kernel, SJ_PATH_LEFT);
+        sj_events_path(kernel, SJ_PATH_LEFT);
 }
 
 uint64_t sj_path_halt(sj_kernel *kernel, uint64_t axes)
@@ -198,10 +188,9 @@ uint64_t sj_path_halt(sj_kernel *kernel, uint64_t axes)
     if ((axes & led) == 0)
         return 0;
     path->cancelled = 1;
-    sj_ahead_stop(kernel, led);
     for (int32_t k = 0; k < path->count; k++)
-        if (led & bit(path->axis[k]))
-            sj_cycle_trigger(kernel, path->axis[k], SJ_TRIGGER_HALT);
+        if (led & axis_bit(path->axis[k]))
+            sj_events_trigger(kernel, path->axis[k], SJ_TRIGGER_HALT);
     return led;
 }
 
@@ -210,7 +199,7 @@ static uint64_t let_go(sj_kernel *kernel)
 {
     uint64_t led = kernel->path.led;
     for (int32_t i = 0; i < kernel->axes; i++)
-        if (led & bit(i)) {
+        if (led & axis_bit(i)) {
             sj_path_hand_over(kernel, i);
             kernel->axis[i].parked = 0;
         }
@@ -218,10 +207,9 @@ static uint64_t let_go(sj_kernel *kernel)
     return led;
 }
 
-void sj_path_leave(sj_kernel *kernel, uint64_t axes)
+uint64_t sj_path_leave(sj_kernel *kernel, uint64_t axes)
 {
-    if (axes & kernel->path.led)
-        sj_stop_halt(kernel, let_go(kernel) & ~axes);
+    return axes & kernel->path.led ? let_go(kernel) & ~axes : 0;
 }
 
 /* ---- one cycle ------------------------------------------------------------------------------- */
@@ -244,7 +232,7 @@ static void end(sj_kernel *kernel, int32_t state)
     sj_path *path = &kernel->path;
     for (int32_t k = 0; k < path->count; k++) {
         sj_axis *ax = &kernel->axis[path->axis[k]];
-        if ((path->led & bit(path->axis[k])) == 0)
+        if ((path->led & axis_bit(path->axis[k])) == 0)
             continue;
         sj_interpolator_start(&ax->interpolator,
                               &(sj_state){path->player.run.past[0][k], 0.0, 0.0});
@@ -252,7 +240,7 @@ static void end(sj_kernel *kernel, int32_t state)
         ax->reached = state == SJ_PATH_DONE && !path->cancelled;
     }
     path->led = 0;
-    become(kernel, state);
+    sj_events_path(kernel, state);
 }
 
 static void lead(sj_kernel *kernel)
@@ -261,7 +249,7 @@ static void lead(sj_kernel *kernel)
     const sj_player *player = &path->player;
     for (int32_t k = 0; k < path->count; k++) {
         sj_interpolator *ip = &kernel->axis[path->axis[k]].interpolator;
-        if ((path->led & bit(path->axis[k])) == 0)
+        if ((path->led & axis_bit(path->axis[k])) == 0)
             continue;
         sj_interpolator_start(ip, &(sj_state){player->run.past[0][k], player->velocity[k],
                                               player->acceleration[k]});
@@ -286,36 +274,39 @@ static void report(sj_kernel *kernel)
     out->cycle = (double)(at - in->begin) + rest;
 }
 
-void sj_path_step(sj_kernel *kernel)
+uint64_t sj_path_watch(sj_kernel *kernel)
+{
+    const sj_path *path = &kernel->path;
+    const sj_path_command *command = &kernel->command.path;
+    for (int32_t k = 0; k < path->count && path->led != 0; k++)
+        if (!kernel->axis[path->axis[k]].following)
+            sj_path_release(kernel, axis_bit(path->axis[k]));
+    return command->goal_id == path->root && command->cancel && !path->cancelled ? path->led : 0;
+}
+
+uint64_t sj_path_step(sj_kernel *kernel)
 {
     sj_path *path = &kernel->path;
     sj_player *player = &path->player;
     int32_t status;
 
-    for (int32_t k = 0; k < path->count && path->led != 0; k++)
-        if (!kernel->axis[path->axis[k]].following)
-            sj_path_release(kernel, bit(path->axis[k]));
     if (path->led == 0)
-        return;
-    if (kernel->command.path.goal_id == path->root && kernel->command.path.cancel &&
-        !path->cancelled)
-        sj_path_halt(kernel, path->led);
+        return 0;
     player->wish = wish_of(kernel);
     status = sj_player_step(player);
     report(kernel);
-    if (status == SJ_PACE_LOST) {
-        sj_stop_halt(kernel, let_go(kernel));
-        return;
-    }
+    if (status == SJ_PACE_LOST)
+        return let_go(kernel);
     lead(kernel);
     if (status == SJ_PACE_DONE)
         end(kernel, SJ_PATH_DONE);
     else if (path->cancelled && status == SJ_PACE_RESTS && player->rests >= 3)
         end(kernel, SJ_PATH_STOPPED);
     else if (path->cancelled)
-        become(kernel, SJ_PATH_STOPS);
+        sj_events_path(kernel, SJ_PATH_STOPS);
     else if (status == SJ_PACE_STARVES && player->begun)
-        become(kernel, SJ_PATH_STARVES);
+        sj_events_path(kernel, SJ_PATH_STARVES);
     else if (player->begun || status == SJ_PACE_RESTS)
-        become(kernel, status == SJ_PACE_RESTS && player->wish == 0.0 ? SJ_PATH_PAUSED : SJ_PATH_RUNS);
+        sj_events_path(kernel, status == SJ_PACE_RESTS && player->wish == 0.0 ? SJ_PATH_PAUSED : SJ_PATH_RUNS);
+    return 0;
 }

@@ -240,3 +240,9 @@ typedef struct {
     sj_path_feedback path;
     sj_axis_feedback axis[64];
 } sj_feedback;
+
+/* Of so many axes. */
+uint64_t sj_command_bytes(int32_t axes);
+uint64_t sj_record_bytes(int32_t axes);
+uint64_t sj_feedback_bytes(int32_t axes);
+uint64_t sj_feedback_times(void);       /* bytes before `cycle` */

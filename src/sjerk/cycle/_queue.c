@@ -6,8 +6,12 @@
  */
 #include <stddef.h>
 #include <stdint.h>
-#include "_cycle.h"
-#include "_blend.h"
+#include "cycle/_axis.h"
+#include "cycle/_blend.h"
+#include "cycle/_goals.h"
+#include "cycle/_motion.h"
+#include "cycle/_queue.h"
+#include "cycle/_stops.h"
 
 /* ---- judging and beginning ---- */
 
@@ -30,7 +34,7 @@ int32_t sj_queue_judge(const sj_kernel *kernel, sj_held *held)
             return SJ_RESULT_STATE;
         if (!ax->enable || (!ax->following && ax->state != SJ_AXIS_HOMING))
             return SJ_RESULT_NOT_FOLLOWING;
-        result = sj_goal_possible(ax, goal);
+        result = sj_axis_possible(ax, goal);
         if (result != SJ_RESULT_ACCEPTED)
             return result;
     }
@@ -75,19 +79,10 @@ static sj_axis_goal resolved(const sj_axis *ax, const sj_axis_goal *asked)
     return goal;
 }
 
-/* Axes that have passed a goal for a move that is not begun. */
-static void come_to_rest(sj_kernel *kernel, uint64_t axes)
-{
-    uint64_t stop = kernel->ahead.stop;
-    kernel->ahead.stop = 0; /* what waits behind it may go on */
-    sj_stop_halt(kernel, axes);
-    kernel->ahead.stop = stop;
-}
-
 static int32_t begin(sj_kernel *kernel, sj_held *held)
 {
     const sj_record *record = &held->record;
-    goal_set set;
+    sj_goal_set set;
     int32_t result = SJ_RESULT_ACCEPTED;
 
     set.id = record->goal_id;
@@ -100,7 +95,7 @@ static int32_t begin(sj_kernel *kernel, sj_held *held)
         if ((held->axes >> i & 1) == 0)
             continue;
         set.goal[set.n] = resolved(ax, &record->axis[i].goal);
-        result = sj_goal_judge(ax, &set.goal[set.n]);
+        result = sj_axis_judge(ax, &set.goal[set.n]);
         if (result != SJ_RESULT_ACCEPTED)
             set.refused = i;
         set.axes[set.n++] = i;
@@ -110,7 +105,7 @@ static int32_t begin(sj_kernel *kernel, sj_held *held)
     if (result == SJ_RESULT_ACCEPTED)
         return OFFER_TAKEN;
     held->refused = set.refused;
-    come_to_rest(kernel, held->passing);
+    sj_stop_halt(kernel, held->passing); /* passed their goals for it */
     return -result;
 }
 
@@ -121,8 +116,8 @@ static void add_before(const sj_kernel *kernel, passage *p, int32_t axis)
     const sj_axis *ax = &kernel->axis[axis];
     p->axes[p->n] = axis;
     p->at[p->n] = axis_commanded(ax);
-    p->limits[p->n] = sj_goal_limits(kernel, ax, &ax->goal);
-    p->limits[p->n] = sj_goal_kept(ax, &p->at[p->n], &p->limits[p->n]);
+    p->limits[p->n] = sj_axis_limits(ax, &ax->goal, kernel->override);
+    p->limits[p->n] = sj_axis_kept(ax, &p->at[p->n], &p->limits[p->n]);
     p->n++;
 }
 
@@ -163,7 +158,7 @@ static int32_t find(const sj_kernel *kernel, const sj_held *held, passage *p)
         if ((held->axes >> i & 1) == 0)
             continue;
         p->goal[p->m] = resolved(ax, &held->record.axis[i].goal);
-        p->next_limits[p->m] = sj_goal_limits(kernel, ax, &p->goal[p->m]);
+        p->next_limits[p->m] = sj_axis_limits(ax, &p->goal[p->m], kernel->override);
         p->place[p->m] = -1;
         for (int32_t k = 0; k < p->n; k++)
             if (p->axes[k] == i)
@@ -177,7 +172,7 @@ static int32_t find(const sj_kernel *kernel, const sj_held *held, passage *p)
 static int32_t still_possible(const sj_kernel *kernel, sj_held *held, const passage *p)
 {
     for (int32_t k = 0; k < p->m; k++) {
-        int32_t result = sj_goal_possible(&kernel->axis[p->next[k]], &p->goal[k]);
+        int32_t result = sj_axis_possible(&kernel->axis[p->next[k]], &p->goal[k]);
         if (result != SJ_RESULT_ACCEPTED) {
             held->refused = p->next[k];
             return -result;
@@ -202,7 +197,7 @@ static int32_t pass(sj_kernel *kernel, sj_held *held)
     possible = still_possible(kernel, held, &p);
     if (possible < 0)
         return possible;
-    if (!sj_passage_choose(kernel, held->record.mode, held->record.synchronization, &p)) {
+    if (!sj_blend_choose(kernel, held->record.mode, held->record.synchronization, &p)) {
         held->share = 0.0;
         return OFFER_WAIT;
     }
@@ -212,14 +207,14 @@ static int32_t pass(sj_kernel *kernel, sj_held *held)
             left = kernel->axis[p.axes[i]].interpolator.ahead - 1;
     }
     held->share -= 0.25;
-    waiting = sj_passage_next(kernel, &p, &held->record, rest);
-    next = sj_passage_next(kernel, &p, &held->record, velocity);
+    waiting = sj_blend_next(kernel, &p, &held->record, rest);
+    next = sj_blend_next(kernel, &p, &held->record, velocity);
     if (waiting < 0 || next < 0)
         return OFFER_WAIT;
-    before = sj_passage_before(kernel, &p, velocity);
+    before = sj_blend_before(kernel, &p, velocity);
     if (before < 0 || before > left || before + next > left + waiting)
         return OFFER_WAIT;
-    sj_passage_load(kernel, &p, velocity);
+    sj_blend_load(kernel, &p, velocity);
     held->passing = 0;
     for (int32_t i = 0; i < p.n; i++)
         held->passing |= (uint64_t)(velocity[i] != 0.0) << p.axes[i];
@@ -246,7 +241,7 @@ int32_t sj_queue_offer(sj_kernel *kernel, sj_held *held)
         uint64_t passing = onward(kernel, held->passing, 0);
         if (onward(kernel, passing, 1) != passing)
             return OFFER_WAIT;
-        come_to_rest(kernel, passing);
+        sj_stop_halt(kernel, passing);
         return OFFER_TAKEN;
     }
     for (int32_t i = 0; i < kernel->axes; i++)
@@ -274,9 +269,9 @@ int32_t sj_queue_release(sj_kernel *kernel, const int32_t *axes, int32_t n)
         add_before(kernel, &p, axes[i]);
     }
     if (onward(kernel, set, 0) != 0) {
-        if (onward(kernel, set, 1) != 0 || sj_passage_before(kernel, &p, rest) < 0)
+        if (onward(kernel, set, 1) != 0 || sj_blend_before(kernel, &p, rest) < 0)
             return 0;
-        sj_passage_load(kernel, &p, rest);
+        sj_blend_load(kernel, &p, rest);
     }
     for (int32_t i = 0; i < kernel->ahead.count; i++) {
         sj_held *held = &kernel->ahead.held[kernel->ahead.order[i]];

@@ -83,8 +83,6 @@ typedef struct {
     sj_held held[32];
 } sj_ahead;
 
-uint64_t sj_record_bytes(int32_t axes);
-
 typedef struct {
     uint64_t goal_id, newest;           /* newest: highest id a record of a path had */
     uint64_t root;                      /* of the path that was opened; others took over from it */
@@ -143,29 +141,8 @@ typedef struct {
     sj_axis axis[64];
 } sj_kernel;
 
-uint64_t sj_command_bytes(int32_t axes);
-uint64_t sj_feedback_bytes(int32_t axes);
-uint64_t sj_feedback_times(void);       /* bytes before `cycle` */
-int32_t  sj_kernel_init(sj_kernel *kernel, void *segment, int32_t axes, double cycle_time_s);
-int32_t  sj_kernel_axis(sj_kernel *kernel, int32_t axis, const sj_drive_config *drive,
-                        const sj_axis_config *config);
-void     sj_kernel_cycle(sj_kernel *kernel, uint64_t now_ns);
-void     sj_kernel_cycles(sj_kernel *kernel, int64_t cycles); /* in a caller's own loop */
-void     sj_kernel_step(sj_kernel *kernel);                   /* the same, one */
-/* Between cycles: a plan that nothing uses, so that the planner is in the caches when it is needed. */
-void     sj_goal_rehearse(sj_kernel *kernel);
+/* For C only. */
 
-int32_t  sj_kernel_at_rest(const sj_kernel *kernel);    /* nothing moves, no drive is enabled */
-
-uint64_t sj_trace_frame_bytes(int32_t axes);
-uint64_t sj_trace_item_bytes(int32_t axes);             /* of one event of the trace's segment */
-/* As sj_shm_host_state; DEAD for one cycle too where the next host came before it was noticed. */
-int32_t  sj_trace_host(sj_kernel *kernel, uint64_t now_ns);
-void     sj_trace_see(sj_kernel *kernel);               /* the ring's counters, at the begin */
-int32_t  sj_trace_collect(sj_kernel *kernel);           /* as sj_command_collect, into incoming */
-int32_t  sj_trace_take(sj_kernel *kernel, sj_record *record);   /* as sj_ring_take */
-void     sj_trace_event(sj_kernel *kernel, const sj_kernel_event *event);
-void     sj_trace_close(sj_kernel *kernel);             /* the frame of this cycle */
-/* Items after *cursor, at most `room`, back to back; how many. Any process, at any time. */
-int64_t  sj_trace_drain(const void *segment, uint64_t *cursor, uint64_t *missed, int64_t room,
-                        void *items);
+/* What a room says to a record whose turn it is; or refused with -(enum sj_result), then held->refused
+ * is the axis that it is about, or -1. */
+enum sj_offer { OFFER_WAIT = 0, OFFER_TAKEN = 1 };

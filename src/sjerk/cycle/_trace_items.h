@@ -83,3 +83,9 @@ typedef struct {
     const sj_trace_frame *frame;        /* as recorded, or NULL: no replay */
     sj_trace_rows commands, records;    /* to come */
 } sj_trace_given;
+
+uint64_t sj_trace_frame_bytes(int32_t axes);
+uint64_t sj_trace_item_bytes(int32_t axes);             /* of one event of the trace's segment */
+/* Items after *cursor, at most `room`, back to back; how many. Any process, at any time. */
+int64_t  sj_trace_drain(const void *segment, uint64_t *cursor, uint64_t *missed, int64_t room,
+                        void *items);

@@ -4,9 +4,8 @@
  * position at home becomes 607Ch; the axis then stops where its ramp ends and does not return.
  * Never here: the other modes, states.
  */
-#include <stdint.h> /* the contract's integer types */
-#include <stddef.h> /* required by the contract */
-#include "_internal.h" /* what the rooms of the drive share */
+#include <stdint.h> /* fixed widths */
+#include "drive/_internal.h" /* what the files of the drive share */
 
 static double in_increments(const sj_drive *drive, uint32_t units)
 {
@@ -121,7 +120,7 @@ void sj_homing_period(sj_drive *drive, sj_servo_command *command)
     const double period = drive->config.period_s;
     const double ramp = in_increments(drive, drive->config.homing_acceleration) * period * period;
     const uint16_t word = drive->controlword;
-    const uint32_t inputs = sj_drive_digital_inputs(drive);
+    const uint32_t inputs = sj_motion_inputs(drive);
     double velocity = 0.0;
 
     command->velocity_offset_rad_s = 0.0;

@@ -1,9 +1,8 @@
 /* The master's side of CiA 402: the controlword that leads a drive where one wants it, one step at a
  * time, and what its statusword says. Pure; the drive's side is _cia402.c.
  */
-#include <stddef.h>
 #include <stdint.h>
-#include "drive/_drive.h"
+#include "drive/_words.h"
 
 enum {
     SHUTDOWN = SJ_CW_ENABLE_VOLTAGE | SJ_CW_QUICK_STOP,
@@ -23,7 +22,7 @@ int32_t sj_master_enabled(uint16_t statusword)
     return is(statusword, SJ_STATE_OPERATION_ENABLED);
 }
 
-int32_t sj_master_follows(uint16_t statusword)
+static int follows(uint16_t statusword)
 {
     return sj_master_enabled(statusword) && (statusword & SJ_SW_FOLLOWS) != 0;
 }
@@ -61,7 +60,7 @@ int32_t sj_master_stopping(uint16_t statusword)
 /* A master that does not map 6061h reads a zero: then the statusword has to do. */
 int32_t sj_master_follows_position(const sj_drive_tx *tx)
 {
-    return sj_master_follows(tx->statusword) &&
+    return follows(tx->statusword) &&
            (tx->mode_display == SJ_MODE_CSP || tx->mode_display == SJ_MODE_NONE);
 }
 

@@ -1,14 +1,14 @@
 /* Profile position and profile velocity (modes 1 and 3): the drive asks, the planner answers.
  *
- * A set-point becomes a request; sj_drive_cycle_planned() has it planned at the end of its period,
- * from the demand's own velocity and acceleration, and the next period begins to execute the plan.
- * That function is the only place that knows both the drive and the planner (_profile.c).
+ * A set-point becomes a request; sj_drive_cycle_planned() (_drive.c) has it planned at the end of its
+ * period, from the demand's own velocity and acceleration, and the next period begins to execute the
+ * plan. One period of jerk j, Eqs. (2), (3), (5):
+ *     P += V + A / 2 + j / 6,   V += A + j / 2,   A += j.
  * Never here: how a plan is found.
  */
-#include <stddef.h> /* required by the contract */
-#include <stdint.h> /* the contract's integer types */
-#include "planner/_planner.h"
-#include "_internal.h" /* what the rooms of the drive share */
+#include <stddef.h> /* NULL */
+#include <stdint.h> /* fixed widths */
+#include "drive/_internal.h" /* what the files of the drive share */
 
 void sj_profile_drop(sj_drive *drive)
 {
@@ -17,13 +17,20 @@ void sj_profile_drop(sj_drive *drive)
     drive->request.kind = SJ_REQUEST_NONE;
 }
 
+void sj_profile_give_up(sj_drive *drive)
+{
+    sj_profile_drop(drive);
+    drive->goal_set = 0;
+    drive->goal_waits = 0;
+}
+
 /* What is wanted from where the demand will be at the end of this period. */
 static void ask(sj_drive *drive)
 {
     const sj_drive_config *config = &drive->config;
-    const double increments = (double)drive->ratio_increments / (double)drive->ratio_units;
+    const double increments = increments_per_unit(drive);
     const double period = config->period_s;
-    const double most = (double)drive->jump_limit / config->jump_factor * increments;
+    const double most = speed_limit(drive);
     const double wanted = config->profile_velocity * increments * period;
     const double scale = increments * period * period;
     const uint32_t up = config->profile_acceleration < config->max_acceleration
@@ -50,13 +57,13 @@ static void ask(sj_drive *drive)
         request->kind = SJ_REQUEST_MOVE;
         request->distance = (double)way * increments - drive->demand_fraction;
     } else {
-        const double goal = drive->goal_velocity;
         request->kind = SJ_REQUEST_VELOCITY;
-        request->goal = goal > most ? most : goal < -most ? -most : goal;
+        request->goal = bounded(drive->goal_velocity, most);
     }
 }
 
-static void answer(sj_drive *drive, const sj_plan *plan)
+/* The plan that was asked for; NULL: there is none. */
+void sj_profile_answer(sj_drive *drive, const sj_plan *plan)
 {
     drive->request.kind = SJ_REQUEST_NONE;
     if (plan == NULL) {
@@ -111,9 +118,7 @@ static void execute(sj_drive *drive, sj_servo_command *command)
 /* A limit switch in the way of the demand. */
 static int blocked(sj_drive *drive)
 {
-    const uint32_t inputs = sj_drive_digital_inputs(drive);
-    const int in_the_way = (inputs & 1u && drive->demand_velocity < 0.0) ||
-                           (inputs & 2u && drive->demand_velocity > 0.0);
+    const int in_the_way = sj_motion_blocked(drive, drive->demand_velocity);
     drive->limited |= in_the_way;
     return in_the_way;
 }
@@ -155,9 +160,7 @@ void sj_profile_position(sj_drive *drive, const sj_drive_rx *rx, sj_servo_comman
         }
     }
     if (blocked(drive)) {
-        sj_profile_drop(drive);
-        drive->goal_set = 0;
-        drive->goal_waits = 0;
+        sj_profile_give_up(drive);
         sj_motion_stop(drive, command, 2);
         return;
     }
@@ -184,16 +187,13 @@ void sj_profile_velocity(sj_drive *drive, const sj_drive_rx *rx, sj_servo_comman
         (double)turned(drive, (int64_t)rx->target_velocity + rx->velocity_offset,
                        SJ_POLARITY_VELOCITY) *
         drive->config.period_s * (double)drive->ratio_increments / (double)drive->ratio_units;
-    const double bound = (double)drive->jump_limit / drive->config.jump_factor *
-                         ((double)drive->ratio_increments / (double)drive->ratio_units);
-    const double held = goal > bound ? bound : goal < -bound ? -bound : goal;
+    const double held = bounded(goal, speed_limit(drive));
     const int fresh = drive->goal_set != SJ_VELOCITY_GOAL || held != drive->goal_velocity;
 
     command->velocity_offset_rad_s = 0.0;
     drive->limited |= held != goal;
     if (blocked(drive)) {
-        sj_profile_drop(drive);
-        drive->goal_set = 0;
+        sj_profile_give_up(drive);
         sj_motion_stop(drive, command, 2);
         return;
     }
@@ -213,7 +213,7 @@ void sj_profile_velocity(sj_drive *drive, const sj_drive_rx *rx, sj_servo_comman
 static uint16_t velocity_bits(sj_drive *drive)
 {
     const sj_drive_config *config = &drive->config;
-    const double units = (double)drive->ratio_units / (double)drive->ratio_increments;
+    const double units = units_per_increment(drive);
     const double actual = drive->servo.measured_rad_s * drive->constants.increments_per_rad * units;
     const double off = actual - drive->goal_velocity / config->period_s * units;
     const double window = config->velocity_window;
@@ -257,26 +257,4 @@ uint16_t sj_profile_bits(sj_drive *drive)
         word |= SJ_SW_TARGET_REACHED;
     }
     return word;
-}
-
-void sj_drive_cycle_planned(sj_drive *drive, const sj_drive_rx *rx, sj_drive_tx *tx)
-{
-    const sj_drive_request *request = &drive->request;
-    sj_plan plan;
-    int32_t status = SJ_PLAN_OK;
-
-    sj_drive_cycle(drive, rx, tx);
-    switch (request->kind) {
-    case SJ_REQUEST_MOVE:
-        status = sj_plan_move(request->distance, request->velocity, request->acceleration, 0.0,
-                              &request->limits, &plan);
-        break;
-    case SJ_REQUEST_VELOCITY:
-        status = sj_plan_velocity(request->velocity, request->acceleration, request->goal,
-                                  &request->limits, &plan);
-        break;
-    default:
-        return;
-    }
-    answer(drive, status == SJ_PLAN_OK ? &plan : NULL);
 }

@@ -6,10 +6,9 @@
  * F tanh(w / w0), no call into libm, and exact in every processor.
  * Never here: states, words, limits of the profile, clocks, memory.
  */
-#include <stdint.h> /* the contract's integer types */
-#include <stddef.h> /* required by the contract */
+#include <stdint.h> /* fixed widths */
 #include <math.h>   /* exp and ceil while preparing; nothing in the inner step */
-#include "_internal.h" /* what the rooms of the drive share */
+#include "drive/_internal.h" /* what the files of the drive share */
 #include "base/_simd.h"  /* several motors at once */
 
 void sj_servo_prepare(sj_servo_constants *c, const sj_drive_config *config)

@@ -1,12 +1,12 @@
-/* Positions of a drive in increments of the encoder and in units of the user, both at once; and
- * what a config makes of them: ratio, range, jump limit.
+/* Positions of a drive in increments of the encoder and in units of the user, both at once.
+ *
+ * Invariant of a point, apart from wraps of both:
+ *     increments * ratio_units + ratio_increments / 2 = units * ratio_increments + remainder
+ * so nothing drifts, whatever the gear.
  * Never here: motions, words, states.
  */
-#include <stddef.h> /* required by the contract */
-#include <stdint.h> /* the contract's integer types */
-#include "_internal.h" /* what the rooms of the drive share */
-
-/* ---- positions in increments and in pu ---- */
+#include <stdint.h> /* fixed widths */
+#include "drive/_internal.h" /* what the files of the drive share */
 
 /* Into the range of 607Bh; the full range is the plain wrap of INT32. */
 int64_t sj_point_wrap(const sj_drive *drive, int64_t units)
@@ -68,56 +68,6 @@ void sj_point_set(const sj_drive *drive, sj_drive_point *point, int64_t incremen
     point->remainder = drive->ratio_increments / 2;
 }
 
-/* ---- configuration ---- */
-
-static void prepare(sj_drive *drive)
-{
-    const sj_drive_config *config = &drive->config;
-    double speed = 0.0;
-    double limit = 0.0;
-
-    sj_servo_prepare(&drive->constants, config);
-    (void)sj_drive_ratio(config, &drive->ratio_units, &drive->ratio_increments);
-    drive->range = (int64_t)config->range_max - config->range_min + 1;
-    /* pu/s of 6080h, or less by 607Fh */
-    speed = config->max_speed_rpm / 60.0 * config->encoder_increments /
-            config->encoder_revolutions * (double)drive->ratio_units /
-            (double)drive->ratio_increments;
-    speed = speed < config->max_profile_velocity ? speed : config->max_profile_velocity;
-    limit = speed * config->period_s * config->jump_factor;
-    drive->jump_limit = limit < 4294967296.0 ? (int64_t)limit : (int64_t)1 << 32;
-}
-
-int32_t sj_drive_init(sj_drive *drive, const sj_drive_config *config)
-{
-    const int32_t bad = sj_drive_config_check(config);
-
-    if (bad != 0) {
-        return bad;
-    }
-    *drive = (sj_drive){.config = *config, .state = SJ_STATE_NOT_READY, .plan_phase = -1};
-    prepare(drive);
-    sj_point_set(drive, &drive->actual, 0, 0);
-    sj_point_set(drive, &drive->demand, 0, 0);
-    sj_verdict_clear(&drive->verdict);
-    return 0;
-}
-
-/* A new scale: positions are told anew from the encoder, a reference is lost. */
-void sj_drive_rescale(sj_drive *drive)
-{
-    const int64_t increments = drive->actual.increments;
-
-    sj_point_set(drive, &drive->actual, 0, 0);
-    sj_point_move_increments(drive, &drive->actual, increments % ((int64_t)1 << 32));
-    drive->actual.increments = increments;
-    drive->demand = drive->actual;
-    drive->demand_fraction = 0.0;
-    drive->resync = 1;
-    drive->homed = 0;
-    sj_verdict_pause(&drive->verdict);
-}
-
 void sj_point_set_home(sj_drive *drive, int64_t increments)
 {
     const int64_t home = turned(drive, drive->config.home_offset, SJ_POLARITY_POSITION);
@@ -130,24 +80,4 @@ void sj_point_set_home(sj_drive *drive, int64_t increments)
         sj_point_move_increments(drive, points[i], way);
         points[i]->increments = now;
     }
-}
-
-int32_t sj_drive_configure(sj_drive *drive, const sj_drive_config *config)
-{
-    const int32_t bad = sj_drive_config_check(config);
-    const sj_drive_config old = drive->config;
-
-    if (bad != 0) {
-        return bad;
-    }
-    drive->config = *config;
-    prepare(drive);
-    if (old.encoder_increments != config->encoder_increments ||
-        old.encoder_revolutions != config->encoder_revolutions ||
-        old.gear_motor != config->gear_motor || old.gear_shaft != config->gear_shaft ||
-        old.feed != config->feed || old.feed_shaft != config->feed_shaft ||
-        old.range_min != config->range_min || old.range_max != config->range_max) {
-        sj_drive_rescale(drive);
-    }
-    return 0;
 }

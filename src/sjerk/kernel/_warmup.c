@@ -8,6 +8,7 @@
 #include <stddef.h>
 #include <stdint.h>
 #include <string.h> /* memcpy of the state */
+#include "cycle/_cycle.h"
 #include "dpram/_dpram.h"
 #include "kernel/_clock.h"
 #include "base/_simd.h"  /* fetching ahead */

@@ -1,6 +1,6 @@
 /* Planning requests as callers have them: between samples, for several axes, for many.
  *
- * The half-cycle lemma turns samples into the plan's states; _profile.c plans. Here is how axes share
+ * The half-cycle lemma turns samples into the plan's states; _plan.c and _duration.c plan. Here is how axes share
  * a motion: each for itself, all in the same cycle, or all in the same phases. Pure, no allocation.
  */
 #include <math.h>   /* fabs, fmin */

@@ -1,12 +1,12 @@
 /* Plans of a given length, and axes that arrive in the same cycle.
 
    A length that is longer than the shortest leaves the cruise velocity free: ramp, cruise, ramp at the
-   one that fits (by_cruise_of), the mix of the extremes of that length (_mix.c), or, where nothing
-   else serves, a stop and a wait (_rescue.c). With a velocity at the target some lengths do not exist;
+   one that fits (by_cruise_of), the mix of the extremes of that length (_convex.c), or, where nothing
+   else serves, a stop and a wait (_fallback.c). With a velocity at the target some lengths do not exist;
    then the next one that does is told, and axes that wait for each other look again, SYNC_ROUNDS
    times at most.
 
-   Never here: the shortest plan (_profile.c), memory, clocks, statics, cycle time. */
+   Never here: the shortest plan (_plan.c), memory, clocks, statics, cycle time. */
 #include "_plan.h"
 
 /* ---- one axis ---- */
@@ -142,6 +142,8 @@ int32_t sj_plan_duration(double h, double v0, double a0, double v1, const sj_lim
     sj_note_scale(p, l);
     return status;
 }
+
+/* ---- several axes ---- */
 
 /* Where axes keep blocking each other: from its stop on an axis can take any length. */
 static int64_t after_every_stop(int32_t n, const sj_request *r, const sj_limits *l, int64_t cycles)

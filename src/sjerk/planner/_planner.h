@@ -4,7 +4,7 @@
 #include "base/_types.h"
 
 /* The bound of the work of one plan: steps of any root, lengths tried in any search; and rounds of a
- * synchronisation. No recursion beyond one level, no allocation. */
+ * synchronisation. No recursion, no allocation. */
 enum { SJ_ROOT_STEPS = 40, SJ_LENGTH_STEPS = 6, SJ_SYNC_ROUNDS = 10 };
 
 enum sj_plan_status {
@@ -43,15 +43,13 @@ typedef struct {
 int32_t sj_plan_together(int32_t n, const sj_request *requests, const sj_limits *limits,
                          int64_t cycles, sj_plan *plans);
 
-/* Requests between samples, for several axes and for many (_planning.c). */
+/* Requests between samples, for several axes and for many (_axes.c). */
 enum sj_synchronization {
     SJ_SYNC_NONE = 0,                   /* each axis as soon as it can */
     SJ_SYNC_TIME = 1,                   /* all axes arrive in the same cycle */
     SJ_SYNC_PHASE = 2                   /* the same phases: rest to rest on a straight line */
 };
 
-int32_t sj_plan_axes(int32_t n, const sj_request *request, const sj_limits *limits,
-                     int64_t least_cycles, int32_t *synchronization, sj_plan *plans);
 /* States and limits as memory of sj_state and sj_limits, since Python passes joined bytes: n starts and
  * n targets; n limits, and what one of each of their numbers is per cycle. */
 int32_t sj_plan_samples(int32_t n, double cycle_time_s, const void *states, const void *limits,
@@ -74,3 +72,8 @@ int32_t sj_plan_rows(int64_t n, double cycle_time_s, const double *from, int64_t
                      const double *to, int64_t to_columns, const sj_limits *limits,
                      int64_t limits_step, sj_row *rows, sj_phase *phases, int64_t first,
                      int64_t *failed);
+
+/* For C only. */
+
+int32_t sj_plan_axes(int32_t n, const sj_request *request, const sj_limits *limits,
+                     int64_t least_cycles, int32_t *synchronization, sj_plan *plans);
