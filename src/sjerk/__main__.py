@@ -11,7 +11,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from sjerk.cli import commands, demo, follow, record
+from sjerk.cli import commands, demo, drive, follow, record
 from sjerk.errors import (
     KernelGoneError,
     MotionStoppedError,
@@ -20,7 +20,6 @@ from sjerk.errors import (
     SjerkError,
 )
 from sjerk.handshake import clean
-from sjerk.ports.canopen import node
 from sjerk.trajectory.files import shipped_recording
 
 _EPILOG = (__doc__ or "").partition("\n\n")[2]
@@ -50,9 +49,7 @@ def arguments() -> argparse.ArgumentParser:
     job = jobs.add_parser("clean", help="remove the segments of kernels that are dead")
     job.add_argument("--dry-run", action="store_true", help="list, remove nothing")
     job.set_defaults(run=_clean)
-    job = jobs.add_parser("drive", help="be a simulated CiA 402 drive on a CANopen bus")
-    node.add_arguments(job)
-    job.set_defaults(run=node.run)
+    drive.add_arguments(jobs)
     return parser
 
 

@@ -20,7 +20,7 @@ from sjerk._binding import ffi
 from sjerk.cia402 import TRANSITIONS, Drive, DriveConfig, DriveState
 from sjerk.drive.device import Device
 from sjerk.drive.objects import OBJECTS, Abort
-from sjerk.ports.canopen.node import Node
+from sjerk.ports.canopen import Node
 
 FRAMES = int(os.environ.get("SJERK_FUZZ_FRAMES", "30000"))
 CYCLES = int(os.environ.get("SJERK_FUZZ_CYCLES", "300000"))

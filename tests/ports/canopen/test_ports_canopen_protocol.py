@@ -16,8 +16,7 @@ from sjerk.__main__ import main
 from sjerk.cia402 import Drive, DriveState
 from sjerk.drive.device import Device
 from sjerk.drive.objects import DISABLED, Abort
-from sjerk.ports import canopen as port
-from sjerk.ports.canopen.node import Node, SdoServer
+from sjerk.ports.canopen import NmtState, Node, SdoServer
 
 NODE = 5
 
@@ -86,7 +85,7 @@ def test_boot_up_is_the_first_frame() -> None:
     """700h + id with one zero byte, then Pre-operational."""
     wire = Wire()
     assert wire.sent == [(0x705, b"\0")]
-    assert wire.node.nmt == port.PRE_OPERATIONAL
+    assert wire.node.nmt == NmtState.PRE_OPERATIONAL
 
 
 def test_expedited_transfers() -> None:
@@ -176,17 +175,17 @@ def test_network_management_moves_the_node() -> None:
     """Start, stop, pre-operational, both resets; other nodes' commands are not ours."""
     wire = Wire()
     for command, state in (
-        (0x01, port.OPERATIONAL),
-        (0x80, port.PRE_OPERATIONAL),
-        (0x02, port.STOPPED),
-        (0x82, port.PRE_OPERATIONAL),
+        (0x01, NmtState.OPERATIONAL),
+        (0x80, NmtState.PRE_OPERATIONAL),
+        (0x02, NmtState.STOPPED),
+        (0x82, NmtState.PRE_OPERATIONAL),
     ):
         wire.put(0, bytes((command, NODE)))
         assert wire.node.nmt == state
     wire.put(0, bytes((0x01, NODE + 1)))
     wire.put(0, bytes((0x55, NODE)))
     wire.put(0, b"\1")
-    assert wire.node.nmt == port.PRE_OPERATIONAL
+    assert wire.node.nmt == NmtState.PRE_OPERATIONAL
     wire.write(0x605A, 0, 6)
     wire.write(0x1017, 0, 500)
     wire.put(0, bytes((0x82, 0)))
@@ -413,7 +412,7 @@ def test_foreign_frames_are_ignored() -> None:
     wire = Wire()
     wire.node.take(Frame(0, bytearray((1, 0)), is_extended_id=True), 0.0)
     wire.node.take(Frame(0, bytearray((1, 0)), is_error_frame=True), 0.0)
-    assert wire.node.nmt == port.PRE_OPERATIONAL
+    assert wire.node.nmt == NmtState.PRE_OPERATIONAL
 
 
 def command(*more: str) -> list[str]:
@@ -470,6 +469,7 @@ def test_without_the_extra_the_command_says_what_to_install(
             raise ImportError(name)
         return real(name, *rest)  # type: ignore[arg-type]
 
+    monkeypatch.delitem(sys.modules, "sjerk.ports.canopen.bus", raising=False)
     monkeypatch.setattr(builtins, "__import__", refuse)
     assert main(["drive"]) == 1
     assert "sjerk[canopen]" in capsys.readouterr().err
