@@ -20,7 +20,7 @@ from sjerk import (
     follow_stops,
     follow_within,
 )
-from sjerk.trajectory.files import shipped_recording
+from sjerk.trajectory import shipped_recording
 from sjerk.trajectory.joining import join
 from sjerk.trajectory.segments import Knot, split
 

@@ -15,7 +15,7 @@ import can
 import numpy as np
 
 from sjerk import Axis, Drive, Limits, MotionKernel
-from sjerk.cli.plot import Curve, panels
+from sjerk.cli.pictures import Curve, panels
 from sjerk.drive.device import Device
 from sjerk.ports.canopen import Master, Node, sender
 

@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from sjerk import GoalStream, Limits
-from sjerk.cli.plot import Curve, panels
-from sjerk.trajectory.files import read_recording, shipped_recording
+from sjerk.cli.pictures import Curve, panels
+from sjerk.trajectory import read_recording, shipped_recording
 from sjerk.trajectory.joining import join
 from sjerk.trajectory.segments import Knot, split
 

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from sjerk import Axis, InputError, Limits, MotionKernel, Recording
 from sjerk.__main__ import main
-from sjerk.cli import commands
+from sjerk.cli import common
 from sjerk.cli.arguments import by_axis, duration, duration_or_inf
 from sjerk.handshake import Layout, Segment
 
@@ -183,7 +183,7 @@ def test_a_kernel_with_drives_outside_is_refused_in_a_line(tmp_path: Path) -> No
 @pytest.mark.parametrize("order", [b"", b"\x80\x05"])
 def test_a_kernel_process_without_its_order_ends_quietly(order: bytes) -> None:
     """Whoever started it was ended before, or while, it said what to run."""
-    program = [sys.executable, "-c", "from sjerk.kernel.kernel import serve; serve()"]
+    program = [sys.executable, "-P", "-m", "sjerk.kernel"]
     done = subprocess.run(program, input=order, capture_output=True, timeout=600)
     assert (done.returncode, done.stdout, done.stderr) == (0, b"", b"")
 
@@ -220,6 +220,7 @@ def test_a_missing_extra_is_named_with_its_module(
     file = tmp_path / "robot.toml"
     file.write_text(FILE)
     monkeypatch.setitem(sys.modules, "pyarrow.parquet", None)
+    monkeypatch.delitem(sys.modules, "sjerk.recording.parquet", raising=False)
     assert main(["kernel", str(file), "--record", "a.parquet"]) == 1
     told = capsys.readouterr().err
     assert told == "sjerk: module 'pyarrow' is not installed: the extra is sjerk[record]\n"
@@ -229,7 +230,7 @@ def test_where_no_kernel_runs_is_told_like_an_unknown_one(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Exit code 6, with a name and without; where many run it is to be named."""
-    monkeypatch.setattr(commands, "clean", lambda dry_run: [])
+    monkeypatch.setattr(common, "clean", lambda dry_run: [])
     for job in ("status", "enable", "monitor", "report"):
         assert main([job]) == 6
         assert capsys.readouterr().err == "sjerk: no kernel runs\n"

@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 from sjerk.cli.demo import LIMITS, dips
-from sjerk.trajectory.faults import RecordingError
-from sjerk.trajectory.files import Recording, read_recording, shipped_recording
+from sjerk.trajectory import Recording, RecordingError, read_recording, shipped_recording
 
 CSV = shipped_recording().with_name("panda_joint1.csv")
 

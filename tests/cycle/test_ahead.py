@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 from helpers.loops import enabled
-from sjerk import Axis, EventKind, Host, Limits, MotionKernel
+from sjerk import Axis, Host, Limits, MotionKernel
 from sjerk._binding import ffi, lib
+from sjerk.host import EventKind
 
 T = 1e-3
 COUNTS = 2**24 / 360.0
@@ -22,14 +23,14 @@ def stepped(axes: int = 2) -> tuple[MotionKernel, Host]:
 
 def records(host: Host, ids: list[int], kind: int, axes: tuple[int, ...] = (0,)) -> int:
     """Publish records of one kind; the number of the last, or 0."""
-    size = lib.sj_record_bytes(host._axes)
+    size = lib.sj_record_bytes(host.axis_count)
     room = ffi.new("char[]", len(ids) * size + ffi.sizeof("sj_record"))
     for n, goal_id in enumerate(ids):
         record: Any = ffi.cast("sj_record *", room + n * size)
         record.goal_id, record.kind = goal_id, kind
         for axis in axes:
             record.axis[axis].goal.kind = lib.SJ_GOAL_ABSOLUTE
-    return host._publish_records(room, len(ids))
+    return host.link.publish_records(room, len(ids))
 
 
 def answers(host: Host) -> list[tuple[int, int]]:
@@ -94,7 +95,7 @@ def test_a_spoilt_ring_is_told_once_halts_and_is_emptied_by_a_reset() -> None:
     kernel.step(200)
     mark = 0x0123456789ABCDEF
     records(host, [mark], NO_KIND)
-    memory = ffi.buffer(host._segment.base, host._segment.layout.size)
+    memory = ffi.buffer(host.link.segment.base, host.link.segment.layout.size)
     at = bytes(memory).index(mark.to_bytes(8, "little"))
     memory[at : at + 1] = b"\x00"
     kernel.step(2000)

@@ -13,7 +13,9 @@ from numpy.typing import NDArray
 
 from helpers.chains import COUNTS, OWN, SOME, T
 from helpers.loops import enabled
-from sjerk import Axis, AxisState, Host, Limits, MotionKernel, Move, MoveState
+from sjerk import Axis, Host, Limits, MotionKernel, Move
+from sjerk.cycle.states import AxisState
+from sjerk.host import MoveState
 
 #: A hold whose axes cannot brake harder than they do lasts to the goal.
 LONG = 2500
@@ -67,7 +69,7 @@ class Bench:
         self.look()
 
     def look(self) -> None:
-        frame = self.host._frame()
+        frame = self.host.link.frame()
         axes = [frame.axis[i] for i in range(frame.axes)]
         self.rows.append([(a.position, a.velocity, a.acceleration, a.jerk) for a in axes])
         self.paced.append(int(frame.paced))

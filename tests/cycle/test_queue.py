@@ -28,20 +28,17 @@ from helpers.chains import (
 )
 from sjerk import (
     Axis,
-    EventKind,
     InputError,
     Limits,
     MotionKernel,
     MotionStoppedError,
     Move,
-    MoveState,
     QueueFullError,
     RefusedError,
     State,
 )
 from sjerk._binding import ffi, lib
-from sjerk.host.host import Buffer
-from sjerk.host.monitor import Monitor
+from sjerk.host import Buffer, EventKind, Monitor, MoveState
 
 # ---- one by one ----------------------------------------------------------------------------------
 
@@ -112,7 +109,7 @@ def test_a_cancelled_move_takes_those_behind_it_along() -> None:
     stay_within(run, 2, quick=False)
     assert run.position[:, 0].max() == 20.0
     with pytest.raises(MotionStoppedError):
-        chain[2]._raise()
+        chain[2].check()
 
 
 def test_too_late_a_cancellation_comes_to_rest_behind_the_goal() -> None:
@@ -120,7 +117,7 @@ def test_too_late_a_cancellation_comes_to_rest_behind_the_goal() -> None:
     kernel, host = stepped()
     watch = Watch(kernel, host)
     moves = [host.move(10.0), host.move(30.0, buffer="blend high")]
-    while 10.0 - host._frame().axis[0].position > 0.1:
+    while 10.0 - host.link.frame().axis[0].position > 0.1:
         watch.step()
     moves[1].cancel()
     run = watch.run(moves)
@@ -138,7 +135,7 @@ def test_a_hold_keeps_the_chain_and_loses_nothing(at: int) -> None:
     watch.step(at)
     watch.host.hold()
     watch.step(900)
-    assert watch.host._frame().axis[0].velocity == 0.0
+    assert watch.host.link.frame().axis[0].velocity == 0.0
     watch.host.resume()
     run = watch.run(moves)
     landed(run, chain, 1)
@@ -168,7 +165,7 @@ def test_a_refusal_names_its_axis(mode: Buffer) -> None:
     disabled = host.move([2.0, 2.0], buffer=mode)
     kernel.step(2)
     with pytest.raises(RefusedError, match="refused by axis 1: the drive does not follow") as told:
-        disabled._raise()
+        disabled.check()
     assert told.value.axis == 1
     host.enable()
     kernel.step(2000)
@@ -178,8 +175,8 @@ def test_a_refusal_names_its_axis(mode: Buffer) -> None:
     kernel.step(6000)
     assert first.done
     with pytest.raises(RefusedError, match="refused by axis 1: it would leave the position limits"):
-        beyond._raise()
-    assert [e.axis for e in host.events()[0] if e.goal_id == beyond._goal_id] == [1]
+        beyond.check()
+    assert [e.axis for e in host.events()[0] if e.goal_id == beyond.goal_id] == [1]
 
 
 def test_forged_records_are_refused() -> None:
@@ -195,12 +192,12 @@ def test_forged_records_are_refused() -> None:
         ("limits.velocity", 1.0, lib.SJ_RESULT_LIMITS),
     ):
         record = ffi.new("sj_record *", {"kind": lib.SJ_RECORD_MOVE, "mode": 1})
-        record.goal_id = host._next_goal()
-        host._fill(record.axis[0].goal, lib.SJ_GOAL_ABSOLUTE, State(1.0), OWN)
+        record.goal_id = host.link.next_goal()
+        host.link.fill(record.axis[0].goal, lib.SJ_GOAL_ABSOLUTE, State(1.0), OWN)
         room, _, field = name.rpartition(".")
         goal = record.axis[0].goal
         setattr({"": record, "goal": goal, "limits": goal.limits}[room], field, value)
-        host._publish_records(record, 1)
+        host.link.publish_records(record, 1)
         kernel.step(3)
         told = [e for e in host.events()[0] if e.kind is EventKind.GOAL]
         assert [(e.goal_id, e.code) for e in told] == [(record.goal_id, code)]
@@ -227,7 +224,7 @@ def test_what_cannot_be_queued_is_told_before_anything_moves() -> None:
         assert moves[-1].state is not MoveState.DONE
     assert moves[-1].state is MoveState.STOPPED
     with pytest.raises(MotionStoppedError):
-        moves[-1]._raise()
+        moves[-1].check()
 
 
 def test_the_next_host_goes_on_behind_the_queue_of_the_last() -> None:
@@ -268,7 +265,7 @@ def test_a_thousand_short_moves_run_through_the_ring_of_a_process() -> None:
         end = host.feedback()
         assert end.axes[0].position == pytest.approx(start[0] + 50.0, abs=1e-9)
         assert end.axes[1].position == pytest.approx(start[1] + 37.5, abs=1e-9)
-        assert host._frame().corrupt == 0
+        assert host.link.frame().corrupt == 0
 
 
 CHAIN = """

@@ -28,13 +28,9 @@ from helpers.chains import (
     stay_within,
     stepped,
 )
-from sjerk import (
-    Limits,
-    MoveState,
-    State,
-    plan_velocity,
-)
+from sjerk import Limits, State, plan_velocity
 from sjerk._binding import lib
+from sjerk.host import MoveState
 
 
 @settings(max_examples=SOME)
@@ -145,9 +141,9 @@ def answered(run: Run) -> None:
     """Each goal once, and the handles say what the events say."""
     answers, reached = run.answers(), run.reached()
     for move in run.moves:
-        assert answers[move._goal_id] == 1
+        assert answers[move.goal_id] == 1
         assert move.state in FINAL
-        assert (move.state is MoveState.DONE) == (move._goal_id in reached)
+        assert (move.state is MoveState.DONE) == (move.goal_id in reached)
     assert sum(answers.values()) == len(run.moves)
 
 
@@ -203,7 +199,7 @@ def test_whatever_comes_in_a_chain_it_keeps_its_limits_and_answers_every_move(
             case "disable":
                 host.disable(axes=some)
             case "death":
-                base = host._segment.base
+                base = host.link.segment.base
                 lib.sj_shm_note_host(base, lib.sj_shm_host_epoch(base), 0)
                 watch.step()
                 lib.sj_shm_note_host(base, lib.sj_shm_host_epoch(base), 1)

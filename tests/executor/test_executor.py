@@ -12,19 +12,9 @@ import pytest
 
 from helpers.following_check import Array, toppra_plan
 from helpers.path_check import PANDA, Bench, T, along, curve, keeps
-from sjerk import (
-    Axis,
-    ExecutionMode,
-    GoalHandle,
-    GoalStatus,
-    InputError,
-    MotionKernel,
-    ResultCode,
-    Settings,
-    Tolerance,
-    Trajectory,
-    TrajectoryExecutor,
-)
+from sjerk import Axis, InputError, MotionKernel, Trajectory, TrajectoryExecutor
+from sjerk.executor import GoalHandle, GoalStatus, ResultCode, Settings, Tolerance
+from sjerk.trajectory import ExecutionMode
 
 NAMES = [f"panda_joint{i}" for i in range(1, 8)]
 PLAN = toppra_plan(0.1, 0)

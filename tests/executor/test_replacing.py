@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from test_executor import NAMES, PLAN, TIME, WAY, Machine, smooth
 
 from helpers.following_check import PANDA, Array, T, recording_keeps, toppra_plan
-from sjerk import GoalHandle, GoalStatus, Limits, ResultCode, Trajectory
+from sjerk import Limits, Trajectory
+from sjerk.executor import GoalHandle, GoalStatus, ResultCode
 
 #: Cycles that an order may take, beside what the executor looks for every fifth cycle.
 SOON = 60

@@ -10,17 +10,9 @@ from hypothesis import settings
 from hypothesis import strategies as st
 
 from helpers.loops import enabled
-from sjerk import (
-    Axis,
-    Event,
-    EventKind,
-    Host,
-    Limits,
-    MotionKernel,
-    Move,
-    MoveState,
-)
+from sjerk import Axis, Host, Limits, MotionKernel, Move
 from sjerk._binding import ffi
+from sjerk.host import Event, EventKind, MoveState
 
 T = 1e-3
 COUNTS = 2**24 / 360.0
@@ -101,9 +93,9 @@ class Watch:
 
     def __init__(self, kernel: MotionKernel, host: Host) -> None:
         self.kernel, self.host = kernel, host
-        frame = ffi.buffer(host._buffer)
+        frame = ffi.buffer(host.link.buffer)
         offset = ffi.offsetof("sj_feedback", "axis")
-        self.axes = np.frombuffer(frame, _DTYPE, count=host._axes, offset=offset)
+        self.axes = np.frombuffer(frame, _DTYPE, count=host.axis_count, offset=offset)
         self.cycles: list[int] = []
         self.rows: list[np.ndarray] = []
         self.paced: list[np.ndarray] = []
@@ -111,9 +103,9 @@ class Watch:
         self.look()
 
     def look(self) -> bool:
-        self.cycles.append(self.host._frame().cycle)
+        self.cycles.append(self.host.link.frame().cycle)
         self.rows.append(self.axes.copy())
-        bits = int(self.host._frame().paced)
+        bits = int(self.host.link.frame().paced)
         self.paced.append(np.array([bits >> i & 1 for i in range(len(self.axes))], bool))
         self.events += self.host.events()[0]
         return bool(self.axes["moving"].any())
@@ -178,7 +170,7 @@ def last_cycle_when_buffered(axes: int, chain: list[Queued]) -> int:
 
 def kept(run: Run, limits: list[Limits], axes: int) -> None:
     """Every sample within the limits of the move it belongs to, and the samples hang together."""
-    by_id = {move._goal_id: own for move, own in zip(run.moves, limits, strict=True)}
+    by_id = {move.goal_id: own for move, own in zip(run.moves, limits, strict=True)}
     ulp = 8 * np.spacing(np.max(np.abs(run.position)) + 1.0)
     for i in range(axes):
         q, v, a, j = (c[:, i] for c in (run.position, run.velocity, run.acceleration, run.jerk))
@@ -202,7 +194,7 @@ def forward_only(run: Run, axes: int) -> None:
     """No move goes back: no overshoot of any goal, no way round."""
     for i in range(axes):
         for move in run.moves:
-            of = np.flatnonzero(run.goal_id[:, i] == move._goal_id)
+            of = np.flatnonzero(run.goal_id[:, i] == move.goal_id)
             if len(of):
                 steps = np.diff(run.position[max(of[0] - 1, 0) : of[-1] + 1, i])
                 assert np.all(steps >= -1e-12) or np.all(steps <= 1e-12)
@@ -216,7 +208,7 @@ def landed(run: Run, chain: list[Queued], axes: int) -> None:
         for i, way in one.ways.items():
             goals[i] += way
         assert move.state is MoveState.DONE
-        row = int(np.flatnonzero(run.cycle == reached[move._goal_id])[0])
+        row = int(np.flatnonzero(run.cycle == reached[move.goal_id])[0])
         for i in one.ways:
             at = row if one.synchronization == "time" else slice(0, row + 1)
             assert goals[i] in np.atleast_1d(run.position[at, i])

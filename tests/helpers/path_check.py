@@ -8,7 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from helpers.following_check import PANDA, T, recording, toppra_plan
-from sjerk import Axis, Followed, Host, Limits, MotionKernel, Path, PathState, follow
+from sjerk import Axis, Host, Limits, MotionKernel, Path, follow
+from sjerk.host import PathState
+from sjerk.trajectory.segments import Followed
 
 Array = NDArray[np.float64]
 ENDED = (
@@ -42,7 +44,7 @@ class Bench:
         self.rows = [self.now()]
 
     def now(self) -> list[float]:
-        frame = self.host._frame()
+        frame = self.host.link.frame()
         return [frame.axis[i].position for i in range(frame.axes)]
 
     def play(self, blocks: Followed | Iterable[Followed | None]) -> Path:

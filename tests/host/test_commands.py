@@ -10,21 +10,20 @@ import pytest
 from helpers.loops import enabled
 from sjerk import (
     Axis,
-    AxisState,
     Drive,
     DriveConfig,
-    EventKind,
     Host,
     InputError,
     Limits,
     MotionKernel,
-    MoveState,
     Reactions,
     RefusedError,
     State,
     SupersededError,
 )
 from sjerk._binding import ffi, lib
+from sjerk.cycle.states import AxisState
+from sjerk.host import EventKind, MoveState
 
 T = 1e-3
 COUNTS = 2**24 / 360.0
@@ -159,7 +158,7 @@ def test_a_goal_that_leaves_the_limits_is_refused_before_it_moves() -> None:
         move = ask()
         kernel.step()
         assert move.state is MoveState.REFUSED
-        assert host._frame().result == lib.SJ_RESULT_LIMIT
+        assert host.link.frame().result == lib.SJ_RESULT_LIMIT
         assert not host.feedback().moving
     host.move(State(20.0, velocity=30.0))
     kept(run(kernel, host))
@@ -258,7 +257,7 @@ def test_a_quick_stop_is_each_axis_at_its_own_stop_limits() -> None:
         if stop == "quick_stop":
             kernel.step()
             assert refused.state is MoveState.REFUSED
-            assert host._frame().result == lib.SJ_RESULT_STATE
+            assert host.link.frame().result == lib.SJ_RESULT_STATE
             rows = run(kernel, host)
             kept(rows, STOP)
             lengths.append(len(rows))
@@ -302,7 +301,7 @@ def test_a_faulted_axis_is_left_to_its_drive_and_the_others_stop() -> None:
     move = host.move([60.0, 50.0, -40.0])
     kernel.step(300)
     drive = lib.sj_drive_inject
-    drive(ffi.addressof(kernel._kernel.axis[1], "drive"), lib.SJ_FAULT_ENCODER, 1)
+    drive(ffi.addressof(kernel.core.axis[1], "drive"), lib.SJ_FAULT_ENCODER, 1)
     rows = run(kernel, host)
     kept(rows[:, [0, 2]])
     assert states(host)[1] is AxisState.ERROR_STOP
@@ -313,7 +312,7 @@ def test_a_faulted_axis_is_left_to_its_drive_and_the_others_stop() -> None:
     refused = host.move({1: 0.0})
     kernel.step()
     assert refused.state is MoveState.REFUSED
-    drive(ffi.addressof(kernel._kernel.axis[1], "drive"), lib.SJ_FAULT_ENCODER, 0)
+    drive(ffi.addressof(kernel.core.axis[1], "drive"), lib.SJ_FAULT_ENCODER, 0)
     kernel.step(300)
     host.reset()
     kernel.step(20)
@@ -392,9 +391,9 @@ def test_every_goal_has_an_answer() -> None:
     assert first.state is MoveState.SUPERSEDED
     assert second.state is MoveState.MOVING
     with pytest.raises(RefusedError, match="position limits"):
-        refused._raise()
+        refused.check()
     with pytest.raises(SupersededError):
-        first._raise()
+        first.check()
     second.cancel()
     run(kernel, host)
     assert second.state is MoveState.STOPPED
@@ -473,7 +472,7 @@ def test_reactions_are_as_set() -> None:
     kernel, host = stepped(axis(), axis(), reactions=Reactions(drive_fault="none"))
     move = host.move([60.0, 50.0], synchronization="none")
     kernel.step(300)
-    lib.sj_drive_inject(ffi.addressof(kernel._kernel.axis[1], "drive"), lib.SJ_FAULT_ENCODER, 1)
+    lib.sj_drive_inject(ffi.addressof(kernel.core.axis[1], "drive"), lib.SJ_FAULT_ENCODER, 1)
     run(kernel, host)
     assert host.feedback().axes[0].position == 60.0
     assert move.state is MoveState.STOPPED

@@ -13,19 +13,16 @@ import pytest
 from helpers.following_check import PANDA, T
 from helpers.path_check import Bench
 from sjerk import (
-    GoalStatus,
     GoalStream,
     InputError,
     Limits,
     RefusedError,
-    ResultCode,
-    Settings,
     StreamPlayer,
-    Tolerance,
     Trajectory,
     TrajectoryExecutor,
     follow,
 )
+from sjerk.executor import GoalStatus, ResultCode, Settings, Tolerance
 
 LIMITS = [Limits(2.0, 4.0, 200.0)] * 2
 NAMES = ["a", "b"]
@@ -127,7 +124,7 @@ def test_a_start_elsewhere_is_told_with_axis_and_positions() -> None:
     path = bench.host.follow(follow(way, LIMITS, T), axes=[1, 0])
     bench.run(path)
     with pytest.raises(RefusedError, match=r"it begins at 0\.5, the axis is at 0\.0") as error:
-        path._raise()
+        path.check()
     assert error.value.axis == 0
 
 
@@ -140,18 +137,18 @@ def test_a_path_above_the_limits_names_the_worst(name: str) -> None:
     path = bench.host.follow(follow(way, LIMITS, T))
     bench.run(path)
     with pytest.raises(RefusedError, match=f"{name} .* on the path, the axis has ") as error:
-        path._raise()
+        path.check()
     assert error.value.axis == 1
 
 
 def test_a_move_above_the_limits_names_the_limit() -> None:
     """The host takes limits for granted that the kernel refused: which one, both values."""
     bench = Bench([0.0, 0.0], LIMITS)
-    bench.host._limits[1] = replace(LIMITS[1], jerk=300.0)
+    bench.host.link.limits[1] = replace(LIMITS[1], jerk=300.0)
     move = bench.host.move([0.1, 0.1])
     bench.kernel.step(2)
     with pytest.raises(RefusedError, match="jerk 300, it has 200") as error:
-        move._raise()
+        move.check()
     assert error.value.axis == 1
 
 

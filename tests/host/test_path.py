@@ -29,21 +29,19 @@ from helpers.path_check import (
 )
 from sjerk import (
     Axis,
-    AxisState,
-    EventKind,
-    Followed,
     InputError,
     Limits,
     MotionKernel,
     MotionStoppedError,
-    PathState,
     RefusedError,
     SupersededError,
     Trajectory,
     follow,
 )
+from sjerk.cycle.states import AxisState
+from sjerk.host import EventKind, PathState
 from sjerk.trajectory.joining import brake
-from sjerk.trajectory.segments import Knot, split
+from sjerk.trajectory.segments import Followed, Knot, split
 
 PLAN = blocks_of()
 SAMPLES = recording(PLAN)[0]
@@ -284,7 +282,7 @@ def test_a_refused_path_names_the_axis() -> None:
     path = bench.play(follow(ways, limits, T))
     bench.run(path)
     with pytest.raises(RefusedError, match="refused by axis 1: the drive does not follow"):
-        path._raise()
+        path.check()
     bench.host.enable()
     bench.kernel.step(2000)
     bench.host.move({1: 0.5})
@@ -292,7 +290,7 @@ def test_a_refused_path_names_the_axis() -> None:
     path = bench.play(follow(ways, limits, T))
     bench.run(path)
     with pytest.raises(RefusedError, match="refused by axis 1: the path does not begin where"):
-        path._raise()
+        path.check()
     told = [e.axis for e in bench.host.events()[0] if e.kind is EventKind.GOAL]
     assert told[-1] == 1
 
@@ -425,7 +423,7 @@ def test_a_splice_goes_on_along_other_segments(order: str) -> None:
     assert gaps.max() < 1e-6
     np.testing.assert_array_equal(positions[-4000:], expected[len(expected) - 4000 :])
     with pytest.raises(SupersededError):
-        path._raise()
+        path.check()
 
 
 def test_a_splice_between_way_points_goes_on_where_it_says() -> None:
@@ -534,7 +532,7 @@ def test_a_splice_that_comes_too_late_is_refused() -> None:
     bench.kernel.step(5)
     assert new.state is PathState.REFUSED
     with pytest.raises(RefusedError, match="has begun"):
-        new._raise()
+        new.check()
     path.cancel()
     bench.kernel.step(3000)
     assert path.state in (PathState.STOPPED, PathState.DONE)
@@ -566,7 +564,7 @@ def test_a_splice_whose_segments_do_not_come_leaves_the_path_within_the_limits()
         bench.rows.append(bench.now())
     recording_keeps(bench.positions, limits)
     with pytest.raises(MotionStoppedError):
-        new._raise()
+        new.check()
 
 
 def test_a_long_path_streams_in_constant_memory() -> None:
@@ -598,7 +596,7 @@ def test_a_long_path_streams_in_constant_memory() -> None:
             path.pump()
             longest = max(longest, len(rows))
         kernel.step()
-        frame = host._frame()
+        frame = host.link.frame()
         now = [frame.axis[0].position, frame.axis[1].position]
         moving = moving or now != begin
         if moving:

@@ -14,21 +14,19 @@ import pytest
 from helpers.path_check import Bench, T
 from sjerk import (
     Axis,
-    EventKind,
-    Followed,
     Host,
     InputError,
     Limits,
     MotionKernel,
     MotionStoppedError,
-    MoveState,
     Path,
-    PathState,
     SupersededError,
     Trajectory,
     follow,
 )
 from sjerk._binding import lib
+from sjerk.host import EventKind, MoveState, PathState
+from sjerk.trajectory.segments import Followed
 
 LIMITS = [Limits(2.0, 20.0, 500.0)] * 2
 
@@ -97,7 +95,7 @@ def test_a_path_that_waits_for_its_first_block_is_answered(stop: str) -> None:
     bench.kernel.step(2)
     assert path.state is expected
     with pytest.raises(SupersededError if expected is PathState.SUPERSEDED else MotionStoppedError):
-        path._raise()
+        path.check()
     bench.host.halt()
     bench.kernel.step(2000)
     source.given.put(plan()[0])
@@ -143,7 +141,7 @@ def test_a_path_that_is_open_without_a_segment_is_answered(stop: str) -> None:
     bench.kernel.step(200)
     assert path.state in (PathState.STOPPED, PathState.LEFT)
     with pytest.raises(MotionStoppedError):
-        path._raise()
+        path.check()
 
 
 def test_what_does_not_touch_it_leaves_it_waiting() -> None:
@@ -199,7 +197,7 @@ def test_a_source_that_fails_on_the_way_in_an_own_loop_stops_the_path() -> None:
     bench.run(path)
     assert path.state is PathState.STOPPED
     with pytest.raises(ValueError, match="no more"):
-        path._raise()
+        path.check()
 
 
 def _trajectory() -> Trajectory:
@@ -265,7 +263,6 @@ def test_a_path_that_waits_for_its_turn_is_answered_once(stop: str) -> None:
     path = bench.play(source)
     bench.kernel.step(20)
     act(bench.host, path)
-    path._stop.clear()  # the thread that feeds may be just about to send
     blocks = follow(_trajectory(), LIMITS, T, block=20, lookahead=20)
     next(blocks)
     source.given.put(next(blocks))

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import copy
+import os
 import pickle
+import signal
 import subprocess
 import sys
 import time
@@ -23,8 +25,6 @@ from sjerk import (
     Limits,
     MotionKernel,
     MotionStoppedError,
-    MoveState,
-    Phase,
     Profile,
     SjerkError,
     State,
@@ -34,6 +34,8 @@ from sjerk import (
     scurve,
 )
 from sjerk.errors import SegmentTakenError
+from sjerk.host import MoveState
+from sjerk.profile import Phase
 
 T = 1e-3
 L = Limits(90.0, 500.0, 5000.0)
@@ -140,7 +142,7 @@ def test_limits_of_a_move_stay_within_those_of_the_axis() -> None:
         host.move(3.0, limits=Limits(1e9, 500.0, 5000.0))
     with pytest.raises(InputError, match="limits"):
         host.move(3.0, limits=3)  # type: ignore[arg-type]
-    host._limits = (Limits(1e3, 1e4, 1e6),)
+    host.link.limits = (Limits(1e3, 1e4, 1e6),)
     move = host.move(3.0)
     kernel.step()
     assert move.state is MoveState.REFUSED
@@ -211,9 +213,9 @@ def test_a_drive_fault_is_named_by_the_waiting_move() -> None:
     fault = 3  # SJ_FAULT_OVER_VOLTAGE
     from sjerk._binding import ffi, lib
 
-    lib.sj_drive_inject(ffi.addressof(kernel._kernel.axis[0], "drive"), fault, 1)
+    lib.sj_drive_inject(ffi.addressof(kernel.core.axis[0], "drive"), fault, 1)
     kernel.step(2000)
-    host._cyclic = True  # let it wait for what has already happened
+    host.link.clocked = True  # let it wait for what has already happened
     with pytest.raises(MotionStoppedError, match="drive fault") as stopped:
         move.wait(timeout=1.0)
     assert stopped.value.faults == {0: lib.sj_drive_fault_code(fault)}
@@ -222,9 +224,9 @@ def test_a_drive_fault_is_named_by_the_waiting_move() -> None:
 def test_a_kernel_that_has_ended_is_not_silently_simulated() -> None:
     """host(), step() and with: an error that says to make a new one."""
     with MotionKernel([AXIS], T) as kernel, kernel.host() as host:
-        assert kernel._process is not None
-        kernel._process.kill()
-        kernel._process.wait()
+        assert kernel.pid is not None
+        os.kill(kernel.pid, signal.SIGKILL)
+        os.waitid(os.P_PID, kernel.pid, os.WEXITED | os.WNOWAIT)
         with pytest.raises(KernelGoneError):
             host.feedback()
         with pytest.raises(KernelGoneError):
@@ -243,7 +245,7 @@ def test_a_stale_segment_of_the_same_name_is_replaced() -> None:
     """A kernel and its owner that were both killed do not block their name."""
     name = f"stale-{time.monotonic_ns()}"
     program = (
-        "import os, sys; from sjerk.handshake import *; from sjerk.host.monitor import layout; "
+        "import os, sys; from sjerk.handshake import *; from sjerk.host.reader import layout; "
         f"s = Segment.create({name!r}, layout(1)); os._exit(0)"
     )
     subprocess.run([sys.executable, "-c", program], check=True)
@@ -288,12 +290,12 @@ def test_the_command_line_tells_in_one_line(arguments: list[str], tmp_path: Path
 def test_what_cannot_be_waited_for_is_refused_before_it_is_sent(call: str) -> None:
     """A timeout that is no number; the kernel has seen nothing of it."""
     with MotionKernel([AXIS], T) as kernel, kernel.host() as host:
-        before = host._frame().sequence
+        before = host.link.frame().sequence
         arguments = {"override": [0.5], "set_limits": [AXIS.limits]}.get(call, [])
         with pytest.raises(InputError, match="timeout"):
             getattr(host, call)(*arguments, timeout=float("nan"))
         host.hold()
-        assert host._frame().sequence == before + 1
+        assert host.link.frame().sequence == before + 1
 
 
 def test_a_name_that_is_taken_is_told_as_it_was_given() -> None:

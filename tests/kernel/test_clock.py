@@ -10,7 +10,7 @@ import pytest
 
 from sjerk import Axis, Clock, InputError, Limits, MotionKernel
 from sjerk._binding import ffi, lib
-from sjerk.host.timing import Grant
+from sjerk.host import Grant
 
 T = 1e-3
 AXIS = Axis(Limits(90.0, 500.0, 5000.0), counts_per_unit=2**24 / 360.0)
@@ -34,8 +34,8 @@ def test_each_wish_is_granted_or_refused_with_the_reason_and_the_cycle_runs() ->
             host.enable()
             host.move(1.0).wait(timeout=60.0)
             timing = host.feedback().timing
-            assert kernel._process is not None
-            status = Path(f"/proc/{kernel._process.pid}/status").read_text()
+            assert kernel.pid is not None
+            status = Path(f"/proc/{kernel.pid}/status").read_text()
         clock = timing.clock
         assert clock.pinning.granted == (cpu == mine)
         for grant in (clock.scheduling, clock.pinning, clock.memory):
@@ -63,16 +63,16 @@ def test_a_suspended_kernel_counts_what_it_missed_and_makes_no_burst() -> None:
     """Stopped for 40 cycles: they are late, and as many frames are not made up for."""
     with MotionKernel([AXIS], T) as kernel, kernel.host() as host:
         before = host.feedback()
-        assert kernel._process is not None
-        os.kill(kernel._process.pid, 19)
-        os.waitid(os.P_PID, kernel._process.pid, os.WSTOPPED)
+        assert kernel.pid is not None
+        os.kill(kernel.pid, 19)
+        os.waitid(os.P_PID, kernel.pid, os.WSTOPPED)
         for _ in range(10):
             os.sched_yield()
         lapse = host.feedback()
         while lib.sj_clock_now_ns() < lapse.time_ns + 40e6:
             os.sched_yield()
-        os.kill(kernel._process.pid, 18)
-        host._wait_until(lambda frame: frame.cycle > lapse.cycle + 10, 30.0, "cycles")
+        os.kill(kernel.pid, 18)
+        host.link.wait_until(lambda frame: frame.cycle > lapse.cycle + 10, 30.0, "cycles")
         after = host.feedback()
     missed = after._frame.late - before._frame.late
     assert missed >= 39
@@ -83,10 +83,10 @@ def test_a_suspended_kernel_counts_what_it_missed_and_makes_no_burst() -> None:
 def test_the_report_of_some_cycles_leaves_out_those_before() -> None:
     """Counts, percentiles and the worst are those of the cycles between two frames."""
     with MotionKernel([AXIS], T) as kernel, kernel.host() as host:
-        host._wait_until(lambda frame: frame.cycle > 2, 30.0, "a period")
+        host.link.wait_until(lambda frame: frame.cycle > 2, 30.0, "a period")
         before = host.feedback()
         lib.sj_histogram_add(ffi.addressof(before._frame.latency), 2**40)  # a worst long ago
-        host._wait_until(lambda frame: frame.cycle > before.cycle + 200, 30.0, "cycles")
+        host.link.wait_until(lambda frame: frame.cycle > before.cycle + 200, 30.0, "cycles")
         after = host.feedback()
     lib.sj_histogram_add(ffi.addressof(after._frame.latency), 2**40)
     timing = after.timing_since(before)
@@ -134,7 +134,7 @@ def test_memory_beyond_the_limit_is_locked_in_part_or_refused() -> None:
                 os.setuid(65534)
             report = ffi.new("sj_clock_report *")
             options = Clock(lock_memory=True).to_c(T)
-            lib.sj_clock_prepare(kernel._kernel, 4096, options, report)
+            lib.sj_clock_prepare(kernel.core, 4096, options, report)
             code = -report.memory if report.memory < 0 else 77
         finally:
             os._exit(code)

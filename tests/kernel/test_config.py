@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from sjerk import Axis, Clock, DriveConfig, Limits, MotionKernel, Reactions
 from sjerk.__main__ import main
 from sjerk.errors import ConfigError
-from sjerk.kernel.config import load
+from sjerk.kernel import load
 
 GOOD = """
 name = "robot"
@@ -48,7 +48,7 @@ def test_a_file_makes_the_same_kernel_as_python(tmp_path: Path) -> None:
     kernel = load(file)
     assert (kernel.name, kernel.cycle_time) == ("robot", 500e-6)
     assert kernel.clock == Clock(spin_us=20)
-    assert kernel._reactions == Reactions(drive_fault="quick stop")
+    assert kernel.reactions == Reactions(drive_fault="quick stop")
     limits = Limits(90, 500, 5000, position=(-170, 170))
     assert kernel.axes[0] == Axis(
         limits,

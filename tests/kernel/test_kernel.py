@@ -24,7 +24,6 @@ from sjerk import (
     Limits,
     MotionKernel,
     MotionStoppedError,
-    MoveState,
     RefusedError,
     SjerkError,
     plan,
@@ -32,6 +31,7 @@ from sjerk import (
 )
 from sjerk._binding import ffi, lib
 from sjerk.cia402 import ControlWord, DriveState
+from sjerk.host import MoveState
 from sjerk.kernel.trace import Trace
 
 T = 1e-3
@@ -102,12 +102,12 @@ def test_several_axes_take_a_goal_together_or_not_at_all() -> None:
     """If one axis refuses, none moves; else all arrive in the same cycle."""
     kernel, host = stepped(3)
     refused = host.move([5.0, 5.0, 5.0])
-    host._command.axis[1].goal.limits.velocity = -1.0  # forged after the host's own checks
-    host._command.goal_id += 1
-    host._publish()
+    host.link.command.axis[1].goal.limits.velocity = -1.0  # forged after the host's own checks
+    host.link.command.goal_id += 1
+    host.link.publish()
     kernel.step()
     assert not host.feedback().moving
-    assert host._frame().result == lib.SJ_RESULT_PLAN
+    assert host.link.frame().result == lib.SJ_RESULT_PLAN
     assert refused.state is not MoveState.DONE
     accepted = host.move([5.0, 4.0, 3.0])
     kernel.step(2)
@@ -245,14 +245,14 @@ def test_a_command_that_was_forged_is_refused_by_the_kernel() -> None:
     kernel, host = stepped()
 
     def send(goal: float, velocity: float, limit: float) -> int:
-        entry = host._command.axis[0].goal
+        entry = host.link.command.axis[0].goal
         entry.kind, entry.goal, entry.goal_velocity = 1, goal, velocity
         ffi.memmove(ffi.addressof(entry, "limits"), LIMITS.per_cycle(T), 40)
         entry.limits.jerk = limit
-        host._command.goal_id += 1
-        host._publish()
+        host.link.command.goal_id += 1
+        host.link.publish()
         kernel.step()
-        return int(host._frame().result)
+        return int(host.link.frame().result)
 
     nan, inf = float("nan"), float("inf")
     assert send(nan, 0.0, 1e-6) == lib.SJ_RESULT_RANGE
@@ -275,7 +275,7 @@ def test_host_and_kernel_in_two_processes() -> None:
         host.move(5.0).wait(timeout=30.0)
         assert host.feedback().axes[0].position == 5.0
         replaced = host.move(90.0)
-        host._wait_until(lambda frame: frame.axis[0].moving, 10.0, "motion")
+        host.link.wait_until(lambda frame: frame.axis[0].moving, 10.0, "motion")
         move = host.move(100.0)
         with pytest.raises(MotionStoppedError):
             replaced.wait(timeout=30.0)
@@ -314,7 +314,7 @@ def test_leaving_the_kernel_during_a_move_stops_it_and_leaves_nothing() -> None:
     with MotionKernel(axes=[AXIS], cycle_time=T) as kernel, kernel.host() as host:
         host.enable()
         host.move(170.0)
-        host._wait_until(lambda frame: frame.axis[0].velocity > 0.01, 10.0, "some speed")
+        host.link.wait_until(lambda frame: frame.axis[0].velocity > 0.01, 10.0, "some speed")
 
 
 def test_a_killed_kernel_is_told_to_the_waiting_host() -> None:
@@ -322,8 +322,8 @@ def test_a_killed_kernel_is_told_to_the_waiting_host() -> None:
     with MotionKernel(axes=[AXIS], cycle_time=T) as kernel, kernel.host() as host:
         host.enable()
         move = host.move(170.0)
-        assert kernel._process is not None
-        kernel._process.kill()
+        assert kernel.pid is not None
+        os.kill(kernel.pid, signal.SIGKILL)
         with pytest.raises(KernelGoneError):
             move.wait(timeout=30.0)
 
@@ -337,8 +337,8 @@ SCRIPT = textwrap.dedent(
         host = kernel.host()
         host.enable()
         host.move(170.0)
-        host._wait_until(lambda frame: frame.axis[0].velocity > 0.05, 10.0, "some speed")
-        print("moving", kernel._process.pid, flush=True)
+        host.link.wait_until(lambda frame: frame.axis[0].velocity > 0.05, 10.0, "some speed")
+        print("moving", kernel.pid, flush=True)
         time.sleep(60.0)
     """
 )
@@ -415,14 +415,14 @@ def test_a_spoilt_command_word_stops_the_motion_and_is_counted() -> None:
     kernel, host = stepped()
     move = host.move(60.0)
     kernel.step(200)
-    assert host._segment is not None
-    word = ffi.cast("uint32_t *", ffi.cast("char *", host._segment.base) + lib.SJ_SHM_COMMAND)
+    assert host.link.segment is not None
+    word = ffi.cast("uint32_t *", ffi.cast("char *", host.link.segment.base) + lib.SJ_SHM_COMMAND)
     before = word[0]
     word[0] = 0xFFFF
     kernel.step()
     word[0] = before
     kernel.step(600)
-    assert host._frame().corrupt == 1
+    assert host.link.frame().corrupt == 1
     assert not host.feedback().moving
     assert move.state is MoveState.STOPPED
 
@@ -438,6 +438,6 @@ def test_two_threads_may_command_one_host() -> None:
             thread.start()
         for thread in threads:
             thread.join()
-        assert host._command.goal_id == 1200
+        assert host.link.command.goal_id == 1200
         host.move(2.0).wait(timeout=30.0)
-        assert host._frame().corrupt == 0
+        assert host.link.frame().corrupt == 0

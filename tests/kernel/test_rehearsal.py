@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from helpers.loops import enabled
 from sjerk import Axis, DriveConfig, Limits
 from sjerk._binding import ffi, lib
-from sjerk.kernel.kernel import _copy
+from sjerk.kernel.memory import rehearsal
 
 AXES = 3
 LIMITS = Limits(90.0, 500.0, 5000.0)
@@ -48,10 +48,9 @@ def test_a_rehearsal_is_the_next_cycle_and_changes_nothing(
 ) -> None:
     """Not a bit of kernel and segment; the copy commands what the kernel does in the next cycle."""
     kernel, host = enabled([Axis(LIMITS, 2**24 / 360, drive)] * AXES, 1e-3)
-    copy, memory = _copy(AXES, 1e-3, clocked=False)
-    raw, at = kernel._kernel, ffi.offsetof("sj_kernel", "axis")
-    segment = kernel._segment
-    assert segment is not None
+    copy, memory = rehearsal(AXES, 1e-3, clocked=False)
+    raw, at = kernel.core, ffi.offsetof("sj_kernel", "axis")
+    segment = host.link.segment
     shared = ffi.buffer(segment.base, segment.layout.size)
     for order, cycles in script:
         give(host, *order)

@@ -13,16 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from helpers.root import STRESS
-from sjerk import (
-    Axis,
-    Host,
-    InputError,
-    Limits,
-    MotionKernel,
-    Recording,
-    follow_path,
-    simulate,
-)
+from sjerk import Axis, Host, InputError, Limits, MotionKernel, Recording, follow_path, simulate
 from sjerk._binding import ffi, lib
 from sjerk.kernel.trace import command_dtype
 from stress.kernel_check import check
@@ -270,7 +261,7 @@ def test_a_host_that_dies_is_noticed_though_its_successor_waited() -> None:
     kernel.step(10)
     host.jog(50.0)
     kernel.step(300)
-    base = kernel._segment.base  # type: ignore[union-attr]
+    base = host.link.segment.base
     lib.sj_shm_begin_host(base, 1, 0)
     kernel.step(2)
     told = [(e.code, e.value) for e in host.events()[0] if e.kind.name == "HOST"]
@@ -287,4 +278,4 @@ def test_a_host_that_dies_is_noticed_though_its_successor_waited() -> None:
     lib.sj_shm_begin_host(base, 2, 0)
     kernel.step(600)
     assert host.feedback().moving
-    assert kernel._kernel.trace == ffi.NULL
+    assert kernel.core.trace == ffi.NULL

@@ -12,24 +12,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sjerk import (
-    Axis,
-    AxisState,
-    DriveConfig,
-    EventKind,
-    Host,
-    InputError,
-    Limits,
-    MotionKernel,
-    MoveState,
-    Reactions,
-    SjerkError,
-)
+from sjerk import Axis, DriveConfig, Host, InputError, Limits, MotionKernel, Reactions, SjerkError
 from sjerk._binding import lib
-from sjerk.host.monitor import Monitor
-from sjerk.recording import files
-from sjerk.recording.recording import Recorder, Recording
-from sjerk.recording.replay import replay
+from sjerk.cycle.states import AxisState
+from sjerk.host import EventKind, Monitor, MoveState
+from sjerk.recording import Recorder, Recording, files, replay
 
 T = 1e-3
 COUNTS = 2**24 / 360.0
@@ -199,7 +186,7 @@ def until(met: object, what: str, seconds: float = 30.0) -> None:
 
 
 def moving(host: Host) -> None:
-    host._wait_until(lambda frame: abs(frame.axis[0].velocity) > 0.02, 30.0, "some speed")
+    host.link.wait_until(lambda frame: abs(frame.axis[0].velocity) > 0.02, 30.0, "some speed")
 
 
 def test_a_silent_host_is_noticed_only_if_it_asked_for_it() -> None:
@@ -243,15 +230,15 @@ def test_an_overrun_is_answered_as_set(reaction: str, goes_on: bool) -> None:
         host.enable()
         move = host.move(100.0)
         move.accepted()
-        assert kernel._process is not None
-        os.kill(kernel._process.pid, signal.SIGSTOP)
-        os.waitid(os.P_PID, kernel._process.pid, os.WSTOPPED)
+        assert kernel.pid is not None
+        os.kill(kernel.pid, signal.SIGSTOP)
+        os.waitid(os.P_PID, kernel.pid, os.WSTOPPED)
         stopped = lib.sj_clock_now_ns()
         while lib.sj_clock_now_ns() < stopped + 20e6:
             os.sched_yield()
-        os.kill(kernel._process.pid, signal.SIGCONT)
+        os.kill(kernel.pid, signal.SIGCONT)
         rest = AxisState.STANDSTILL
-        host._wait_until(lambda frame: frame.axis[0].state == rest, 30.0, "an end")
+        host.link.wait_until(lambda frame: frame.axis[0].state == rest, 30.0, "an end")
         events, _ = host.events()
         late = [e for e in events if e.kind is EventKind.LATE]
         assert max(e.value for e in late) >= 10

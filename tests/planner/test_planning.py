@@ -19,7 +19,6 @@ from sjerk import (
     InfeasibleError,
     InputError,
     Limits,
-    Motion,
     Profile,
     State,
     plan,
@@ -27,6 +26,7 @@ from sjerk import (
     plan_velocity,
     scurve,
 )
+from sjerk.planner import Motion
 
 T = 1e-3
 ROBOT = Limits(velocity=90.0, acceleration=500.0, jerk=5000.0)

@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 
 from helpers.exact import Sample, bilinear, continuous
 from helpers.strategies import cycle_times, limits, magnitudes, units
-from sjerk import InfeasibleError, InputError, Limits, Phase, Profile, State, scurve
+from sjerk import InfeasibleError, InputError, Limits, Profile, State, scurve
+from sjerk.profile import Phase
 
 T_S = 1e-3
 ROBOT = Limits(velocity=90.0, acceleration=500.0, jerk=5000.0)

@@ -18,9 +18,7 @@ from hypothesis import strategies as st
 
 from sjerk import (
     Axis,
-    AxisState,
     DriveConfig,
-    EventKind,
     Host,
     InputError,
     Limits,
@@ -33,7 +31,9 @@ from sjerk import (
     simulate,
 )
 from sjerk._binding import ffi, lib
+from sjerk.cycle.states import AxisState
 from sjerk.handshake import Layout, Segment
+from sjerk.host import EventKind
 from sjerk.kernel.trace import Trace, command_dtype, event_dtype, row_dtype
 from sjerk.recording import files
 
@@ -186,12 +186,11 @@ def test_an_mcap_file_whose_recorder_was_killed_is_read_to_where_it_came(tmp_pat
 def test_a_late_reader_loses_the_oldest_and_knows_how_many() -> None:
     """More cycles than the trace keeps, unread: the gap and the items lost are exact."""
     kernel = MotionKernel([AXIS], T)
-    kernel._tapped(None)
-    assert kernel._trace is not None
-    trace = Trace.of(kernel._trace)
+    told = kernel.trace_to(None)
+    trace = Trace.of(told)
     kernel.step(10)
     first = trace.read()
-    capacity = kernel._trace.layout.event_capacity
+    capacity = told.layout.event_capacity
     kernel.step(3 * capacity)
     chunks = []
     while (chunk := trace.read()) is not None:
@@ -213,9 +212,9 @@ def test_gaps_are_stored(tmp_path: Path, suffix: str) -> None:
     kernel = MotionKernel([AXIS], T)
     with Recorder(kernel, path) as recorder:
         kernel.step(100)
-        tap, kernel._tap = kernel._tap, None
+        kernel.release_trace()
         kernel.step(20_000)
-        kernel._tap = tap
+        kernel.trace_to(recorder.drain)
         kernel.step(100)
     found = Recording.open(path)
     assert recorder.missed > 0
@@ -298,7 +297,7 @@ def test_a_killed_host_is_in_the_recording_and_is_replayed(tmp_path: Path) -> No
         host = [sys.executable, "-c", textwrap.dedent(code), kernel.name]
         assert subprocess.run(host, timeout=600).returncode == -signal.SIGKILL
         with kernel.host() as after:
-            after._wait_until(lambda frame: not frame.axis[0].moving, 30.0, "the halt")
+            after.link.wait_until(lambda frame: not frame.axis[0].moving, 30.0, "the halt")
     found = Recording.open(path)
     dead = [e for e in found.events if e.kind is EventKind.HOST and e.code == lib.SJ_HOST_DEAD]
     assert len(dead) == 1
@@ -396,7 +395,7 @@ def test_a_simulation_is_what_an_own_loop_does() -> None:
     script = random_script(5, 3, 2000)
     found = simulate(MotionKernel([AXIS] * 3, T), script, 2000)  # type: ignore[arg-type]
     kernel = MotionKernel([AXIS] * 3, T)
-    segment = kernel._tapped(None)
+    segment = kernel.trace_to(None)
     trace, rows = Trace.of(segment), []
     with kernel.host() as host:
         for cycle in range(1, 2001):
@@ -493,8 +492,8 @@ def test_external_drives_are_replayed_from_what_they_said(tmp_path: Path) -> Non
         for cycle in range(800):
             lib.sj_drive_cycle(
                 drive,
-                ffi.addressof(kernel._kernel, "rx")[0],
-                ffi.addressof(kernel._kernel, "tx")[0],
+                ffi.addressof(kernel.core, "rx")[0],
+                ffi.addressof(kernel.core, "tx")[0],
             )
             if cycle == 30:
                 host.move(12.0)
@@ -519,13 +518,13 @@ def test_records_of_the_ring_are_inputs_too(seed: int) -> None:
             data = ffi.new("char[]", size * many)
             for i in range(many):
                 record = ffi.cast("sj_record *", data + i * size)
-                record.goal_id, record.kind = host._next_goal(), int(rng.integers(0, 3))
+                record.goal_id, record.kind = host.link.next_goal(), int(rng.integers(0, 3))
                 record.axis[int(rng.integers(3))].goal.kind = lib.SJ_GOAL_ABSOLUTE
-            host._publish_records(data, many)
+            host.link.publish_records(data, many)
         elif rng.random() < 0.1:
             host.halt()
         elif rng.random() < 0.1:
-            lib.sj_ring_flush(host._segment.base)
+            lib.sj_ring_flush(host.link.segment.base)
         elif rng.random() < 0.1:
             host.move([float(x) for x in rng.uniform(-150.0, 150.0, 3)])
 
@@ -585,7 +584,7 @@ def test_moved_kernels_can_be_recorded_from_the_middle(tmp_path: Path) -> None:
     """A recorder that comes later begins with its cycle; the arrays are those of the rest."""
     kernel = MotionKernel([AXIS] * 2, T)
     moved(kernel)
-    before = kernel._kernel.feedback.cycle
+    before = kernel.core.feedback.cycle
     with Recorder(kernel, tmp_path / "a.mcap"):
         kernel.step(50)
     found = Recording.open(tmp_path / "a.mcap")

@@ -21,8 +21,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sjerk import EventKind, Recording
+from sjerk import Recording
 from sjerk._binding import lib
+from sjerk.host import EventKind
 from sjerk.kernel.trace import command_dtype, record_dtype
 
 SLACK = 1e-9  # relative, of a limit: what rounding may add

@@ -22,7 +22,7 @@ from helpers.following_check import (
     toppra_plan,
 )
 from sjerk import InputError, Limits, Trajectory, TrajectoryError
-from sjerk.trajectory.files import shipped_recording
+from sjerk.trajectory import shipped_recording
 from sjerk.trajectory.following import follow, limits_per_cycle
 from sjerk.trajectory.segments import Followed
 

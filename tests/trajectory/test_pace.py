@@ -12,8 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from helpers.following_check import Array, T, recording
-from sjerk import Followed, Limits, Trajectory, follow
+from sjerk import Limits, Trajectory, follow
 from sjerk._binding import ffi, lib
+from sjerk.trajectory.segments import Followed
 
 RUNS, RESTS, STARVES, DONE, LOST = range(5)
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from helpers.following_check import PANDA, Array, T, recording_keeps, toppra_plan
 from sjerk import GoalStream, InputError, Limits, Trajectory, plan_velocity
 from sjerk.cli.demo import dips
-from sjerk.trajectory.files import shipped_recording
+from sjerk.trajectory import shipped_recording
 from sjerk.trajectory.joining import brake
 from sjerk.trajectory.segments import Followed, Knot
 

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 
 from helpers.following_check import PANDA, Array, T, recording, recording_keeps, toppra_plan
 from helpers.path_check import along, curve
-from sjerk import InputError, Limits, Thinned, Trajectory, follow, follow_within
+from sjerk import InputError, Limits, Trajectory, follow, follow_within
+from sjerk.trajectory.thinning import Thinned
 
 ROBOT = Limits(velocity=2.0, acceleration=4.0, jerk=500.0)
 

@@ -11,9 +11,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sjerk import InputError, Limits
-from sjerk.trajectory.faults import FaultKind, RecordingError, TrajectoryError
-from sjerk.trajectory.files import shipped_recording
-from sjerk.trajectory.trajectory import ExecutionMode, Trajectory, resample
+from sjerk.trajectory import (
+    ExecutionMode,
+    FaultKind,
+    RecordingError,
+    Trajectory,
+    TrajectoryError,
+    resample,
+    shipped_recording,
+)
 
 NAN = float("nan")
 TWO = ["a", "b"]

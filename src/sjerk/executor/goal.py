@@ -15,8 +15,7 @@ import numpy as np
 
 from sjerk.errors import InputError, positive, real
 from sjerk.profile import FloatArray
-from sjerk.trajectory.faults import Fault, FaultKind, TrajectoryError
-from sjerk.trajectory.trajectory import ExecutionMode, Trajectory
+from sjerk.trajectory import ExecutionMode, Fault, FaultKind, Trajectory, TrajectoryError
 
 
 class ResultCode(IntEnum):

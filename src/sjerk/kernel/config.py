@@ -13,8 +13,10 @@ from typing import Any
 
 from sjerk.cia402 import DriveConfig, DriveConfigError
 from sjerk.errors import ConfigError, InputError
+from sjerk.kernel.axis import Axis
 from sjerk.kernel.clock import Clock
-from sjerk.kernel.kernel import Axis, MotionKernel, Reactions
+from sjerk.kernel.kernel import MotionKernel
+from sjerk.kernel.reactions import Reactions
 from sjerk.profile import Limits
 
 

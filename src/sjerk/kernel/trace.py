@@ -17,7 +17,7 @@ from typing import Any, Literal, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from sjerk._binding import ffi, lib
+from sjerk._binding import dtype_of, ffi, lib
 from sjerk.errors import SegmentLayoutError, SegmentNotReadyError
 from sjerk.handshake import TRACE, Layout, Segment
 
@@ -57,50 +57,22 @@ def touch(segment: Segment) -> None:
 # ---- layouts -------------------------------------------------------------------------------------
 
 
-def dtype_of(name: str) -> np.dtype[Any]:
-    """The structured dtype of a C struct."""
-    return _dtype(ffi.typeof(name))
-
-
-def _dtype(kind: Any, last: int | None = None) -> np.dtype[Any]:
-    """``last``: how many elements the array at the end of a struct has."""
-    if kind.kind == "array":
-        return np.dtype((_dtype(kind.item), (kind.length if last is None else last,)))
-    if kind.kind == "struct":
-        members = kind.fields
-        formats = [_dtype(f.type, last if n == members[-1][0] else None) for n, f in members]
-        size = ffi.sizeof(kind)
-        if last is not None:
-            size = members[-1][1].offset + formats[-1].itemsize
-        return np.dtype(
-            {
-                "names": [n for n, _ in members],
-                "formats": formats,
-                "offsets": [f.offset for _, f in members],
-                "itemsize": size,
-            }
-        )
-    if kind.cname in ("double", "char"):
-        return np.dtype("f8" if kind.cname == "double" else "S1")
-    return np.dtype(f"{'u' if kind.cname.startswith('u') else 'i'}{ffi.sizeof(kind)}")
-
-
 @cache
 def frame_dtype(axes: int) -> np.dtype[Any]:
     """One ``sj_trace_frame`` of so many axes."""
-    return _dtype(ffi.typeof("sj_trace_frame"), axes)
+    return dtype_of("sj_trace_frame", last=axes)
 
 
 @cache
 def command_dtype(axes: int) -> np.dtype[Any]:
     """One ``sj_command`` of so many axes."""
-    return _dtype(ffi.typeof("sj_command"), axes)
+    return dtype_of("sj_command", last=axes)
 
 
 @cache
 def record_dtype(axes: int) -> np.dtype[Any]:
     """One ``sj_record`` of so many axes."""
-    return _dtype(ffi.typeof("sj_record"), axes)
+    return dtype_of("sj_record", last=axes)
 
 
 @cache

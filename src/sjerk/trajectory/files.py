@@ -17,7 +17,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sjerk.errors import ExtraMissingError, InputError, load_extra
+from sjerk.errors import ExtraMissingError, InputError
+from sjerk.extras import load
 from sjerk.profile import FloatArray
 from sjerk.trajectory.faults import (
     Fault,
@@ -29,6 +30,20 @@ from sjerk.trajectory.faults import (
 )
 
 CSV_HEADER = ["time_s", "position_deg"]
+
+
+class Point(NamedTuple):
+    """One way-point of a message; ``stamped``: its time is when it was recorded."""
+
+    time: float
+    stamped: bool
+    positions: Sequence[float]
+    velocities: Sequence[float]
+    accelerations: Sequence[float]
+
+
+#: Joint names and points of one message.
+Message = tuple[list[str], list[Point]]
 
 
 # ---- trajectories --------------------------------------------------------------------------------
@@ -205,56 +220,24 @@ def _numbers(path: Path) -> tuple[list[str], FloatArray]:
     return header, np.array(rows, dtype=np.float64).reshape(len(rows), len(header))
 
 
-class _Point(NamedTuple):
-    """One way-point of a message; ``stamped``: its time is when it was recorded."""
-
-    time: float
-    stamped: bool
-    positions: Sequence[float]
-    velocities: Sequence[float]
-    accelerations: Sequence[float]
-
-
-def _messages(path: Path) -> Iterator[tuple[list[str], list[_Point]]]:
+def _messages(path: Path) -> Iterator[Message]:
     """Joint names and points of each message; a JointTrajectory is a whole motion and the last."""
     try:
-        highlevel = load_extra("rosbags.highlevel", "demo")
-        typesys = load_extra("rosbags.typesys", "demo")
+        bags = load("sjerk.trajectory.bags", extra="demo")
     except ExtraMissingError as missing:
         raise RecordingError(
             path, "reading a bag needs rosbags (pip install 'sjerk[demo]'); a CSV does not"
         ) from missing
     try:
-        types = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
-        with highlevel.AnyReader([path], default_typestore=types) as bag:
-            for connection, stamp, raw in bag.messages():
-                kind = connection.msgtype
-                if kind == "trajectory_msgs/msg/JointTrajectory":
-                    message: Any = bag.deserialize(raw, kind)
-                    points = [
-                        _Point(
-                            p.time_from_start.sec + p.time_from_start.nanosec * 1e-9,
-                            False,
-                            p.positions,
-                            p.velocities,
-                            p.accelerations,
-                        )
-                        for p in message.points
-                    ]
-                    yield list(message.joint_names), points
-                    return
-                if kind == "sensor_msgs/msg/JointState":
-                    message = bag.deserialize(raw, kind)
-                    point = _Point(stamp * 1e-9, True, message.position, message.velocity, ())
-                    yield list(message.name), [point]
-    except (highlevel.AnyReaderError, OSError) as error:
+        yield from bags.messages(path)
+    except bags.BagErrors as error:
         raise RecordingError(path, f"is no readable bag ({error})") from error
 
 
-def _points(path: Path) -> tuple[list[str], list[_Point]]:
+def _points(path: Path) -> tuple[list[str], list[Point]]:
     """All points of the motion in a bag, in the joint order of its first message."""
     names: list[str] | None = None
-    points: list[_Point] = []
+    points: list[Point] = []
     for joints, more in _messages(path):
         if names is None:
             names = joints

@@ -14,18 +14,10 @@ import can
 import pytest
 
 from helpers.root import program
-from sjerk import (
-    Axis,
-    AxisState,
-    Drive,
-    EventKind,
-    InputError,
-    Limits,
-    MotionKernel,
-    MoveState,
-    SjerkError,
-)
+from sjerk import Axis, Drive, InputError, Limits, MotionKernel, SjerkError
+from sjerk.cycle.states import AxisState
 from sjerk.drive.device import Device
+from sjerk.host import EventKind, MoveState
 from sjerk.ports.canopen import MASTER, Master, Node, SdoClient, sender
 
 T = 5e-3

@@ -14,7 +14,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from sjerk.errors import InputError, positive
-from sjerk.kernel.kernel import MotionKernel
+from sjerk.kernel import MotionKernel
 from sjerk.ports.canopen.frames import sender
 from sjerk.ports.canopen.sdo import SdoClient
 

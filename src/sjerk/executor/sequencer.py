@@ -1,7 +1,7 @@
 """The motion of an executor: one path after the other, each from where the one before is left.
 
-``Course`` starts a motion from rest or lets it take over from the one in play, and knows what to do
-where the kernel says no. Never here: planning, goals.
+``Sequencer`` starts a motion from rest or lets it take over from the one in play, and knows what to
+do where the kernel says no. Never here: planning, goals.
 """
 
 from __future__ import annotations
@@ -13,23 +13,14 @@ from enum import Enum, auto
 import numpy as np
 
 from sjerk.errors import InputError
-from sjerk.executor.trail import Trail
-from sjerk.host.feedback import Feedback, PathState
-from sjerk.host.host import Host
-from sjerk.host.path import Path, Progress
+from sjerk.executor.history import History
+from sjerk.host import Feedback, Host, Path, PathState, Progress
 from sjerk.trajectory.entering import Entered
 from sjerk.trajectory.segments import Followed, Knot
 
 #: A motion from a state, when so many seconds from now it is reached.
 Make = Callable[[Knot, float], Entered]
 
-_ENDED = (
-    PathState.DONE,
-    PathState.STOPPED,
-    PathState.LEFT,
-    PathState.REFUSED,
-    PathState.SUPERSEDED,
-)
 #: Cycles for an order to be taken by the kernel; and to begin with for planning too.
 _TAKEN, _LEAD = 20, 32
 #: A path that is passed more slowly is brought to rest instead.
@@ -44,30 +35,30 @@ class Joined(Enum):
     END = auto()  #: the motion in play ends before
 
 
-class Course:
+class Sequencer:
     """The paths of one host, of which one is in play."""
 
     def __init__(self, host: Host) -> None:
         """None is in play."""
-        self._host, self._T = host, host._T
+        self._host, self._T = host, host.cycle_time
         self.path: Path | None = None
         self.first = 1  # number of the first way-point of the newest motion
-        self._trail = Trail()
-        self._before: tuple[Path, Trail] | None = None  # until the kernel has answered
+        self._history = History()
+        self._before: tuple[Path, History] | None = None  # until the kernel has answered
         self._lead = _LEAD
         self._stopped = False  # by ``cancel``
 
     def update(self) -> None:
         """Feed it, in a caller's own loop, and forget what was passed."""
-        if self.path is not None and not self._host._cyclic:
+        if self.path is not None and not self._host.clocked:
             self.path.pump()
         if self.path is not None:
-            self._trail.forget(self.path.progress.point)
+            self._history.forget(self.path.progress.point)
 
     @property
     def over(self) -> bool:
         """Whether nothing is in play."""
-        return self.path is None or self.path.state in _ENDED
+        return self.path is None or self.path.state.ended
 
     @property
     def lead(self) -> float:
@@ -84,15 +75,15 @@ class Course:
         """Seconds of the newest motion that are over, as planned; 0 before it has taken over."""
         if progress.point < self.first:
             return 0.0
-        return self._trail.passed(progress.point) * self._T + progress.time
+        return self._history.passed(progress.point) * self._T + progress.time
 
     # ---- motions
 
     def start(self, made: Entered, axes: Sequence[int]) -> None:
         """From rest; raises what ``Host.follow`` does."""
-        trail = Trail()
-        self.path = self._host.follow(trail.keep(made.blocks), axes=axes)
-        self._trail, self._before, self.first = trail, None, 1
+        history = History()
+        self.path = self._host.follow(history.keep(made.blocks), axes=axes)
+        self._history, self._before, self.first = history, None, 1
         self._stopped = False
 
     def leads(self, axes: Sequence[int]) -> bool:
@@ -102,7 +93,7 @@ class Course:
             path is not None
             and path.state is PathState.RUNS
             and list(path.axes) == list(axes)
-            and not path._paused
+            and not path.paused
             and path.progress.speed >= _SLOWEST
         )
 
@@ -112,7 +103,7 @@ class Course:
         frame, progress = self._host.feedback(), self.path.progress
         lead = max(self._lead / min(1.0, progress.speed), ahead / self._T)
         cycles = progress.time / self._T
-        cut = self._trail.find(progress.point, cycles, progress.speed * lead)
+        cut = self._history.find(progress.point, cycles, progress.speed * lead)
         if cut is None:
             return Joined.END
         made = make(cut.knot, lead * self._T)
@@ -121,13 +112,13 @@ class Course:
         if spent + _TAKEN > lead:
             self._lead = 2 * spent + _LEAD
             return Joined.LATE
-        trail, path = cut.before, self.path
+        history, path = cut.before, self.path
         try:
-            self.path = path.splice(trail.keep(blocks), cut.at, after=cut.after)
+            self.path = path.splice(history.keep(blocks), cut.at, after=cut.after)
         except InputError:
             self._lead *= 2
             return Joined.LATE
-        self._before, self._trail, self.first = (path, self._trail), trail, cut.first
+        self._before, self._history, self.first = (path, self._history), history, cut.first
         self._stopped = False
         return Joined.SENT
 
@@ -143,7 +134,7 @@ class Course:
         if state is not PathState.REFUSED:
             return True
         self.path.pump()  # so that the one before goes on
-        self.path, self._trail = before
+        self.path, self._history = before
         self._lead *= 2
         return False
 
@@ -156,7 +147,7 @@ class Course:
     def check(self) -> None:
         """Raise where another hand has ended the newest motion: nothing is to begin after it."""
         if self.path is not None and not self._stopped and self.over:
-            self.path._raise()
+            self.path.check()
 
     def rests(self, frame: Feedback, axes: Sequence[int]) -> bool:
         """Whether these axes are at rest, and nothing is in play."""

@@ -1,8 +1,8 @@
 """What a path in play is made of, as far as it may still be left.
 
-``Trail.keep`` remembers the blocks that pass through it on their way to a ``Path``; ``Trail.find``
-tells where in its numbers the path is so many cycles on, and in which state. Never here: planning,
-shared memory.
+``History.keep`` remembers the blocks that pass through it on their way to a ``Path``;
+``History.find`` tells where in its numbers the path is so many cycles on, and in which state. Never
+here: planning, shared memory.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ class Cut:
     at: int
     after: int
     knot: Knot
-    before: Trail
+    before: History
 
     @property
     def first(self) -> int:
@@ -33,7 +33,7 @@ class Cut:
         return self.at + (self.after > 0)
 
 
-class Trail:
+class History:
     """The blocks of a path, numbered as its way-points are; those that were passed may go."""
 
     def __init__(self, pieces: Sequence[tuple[int, Followed]] = (), *, first: int = 1) -> None:
@@ -82,10 +82,10 @@ class Trail:
 def _cut(before: list[tuple[int, Followed]], first: int, block: Followed, cycles: int) -> Cut:
     """So many cycles into a block."""
     if cycles == 0:
-        return Cut(first, 0, Knot.of(block, 0), Trail(before, first=first))
+        return Cut(first, 0, Knot.of(block, 0), History(before, first=first))
     head, _ = split(block, cycles)
     ends: IntArray = np.cumsum(block.cycles)
     whole = int(ends[len(head) - 1]) == cycles
     at = first + len(head) - (not whole)
     after = 0 if whole else int(head.cycles[-1])
-    return Cut(at, after, Knot.of(head), Trail([*before, (first, head)], first=first + len(head)))
+    return Cut(at, after, Knot.of(head), History([*before, (first, head)], first=first + len(head)))

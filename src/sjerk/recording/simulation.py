@@ -16,8 +16,8 @@ import numpy as np
 
 from sjerk._binding import ffi, lib
 from sjerk.errors import InputError
-from sjerk.host.host import Host
-from sjerk.kernel.kernel import MotionKernel
+from sjerk.host import Host
+from sjerk.kernel import MotionKernel
 from sjerk.kernel.trace import Chunk, Trace, frame_dtype
 from sjerk.recording.recording import Recording
 
@@ -47,8 +47,8 @@ def simulate(
     """
     if isinstance(cycles, bool) or not isinstance(cycles, int) or not 0 < cycles < 2**40:
         raise InputError("cycles", cycles, "must be an int of at least 1")
-    trace = Trace.of(kernel._tapped(None))
-    raw = kernel._kernel
+    trace = Trace.of(kernel.trace_to(None))
+    raw = kernel.core
     if raw.feedback.cycle != 0:
         raise InputError("kernel", kernel.name, "has run already: make a new one")
     axes, period = len(kernel.axes), round(kernel.cycle_time * 1e9)
@@ -152,8 +152,7 @@ def replay(recording: Recording | Path | str) -> Replay:
     """
     recording = recording if isinstance(recording, Recording) else Recording.open(recording)
     kernel = recording.kernel()
-    kernel._private_segment()
-    raw, expected, seconds = kernel._kernel, 1, 0.0
+    raw, expected, seconds = kernel.core, 1, 0.0
     for chunk in recording.chunks():
         cycle = chunk.frames["head"]["cycle"].astype(np.int64)
         _check(recording, chunk, cycle, expected)
