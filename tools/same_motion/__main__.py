@@ -86,14 +86,11 @@ def _kinds(old: list[str], new: list[str]) -> Counter[str]:
     for name, part in (("only OLD", gone), ("only NEW", come)):
         for event, count in part.items():
             found[f"{event.split()[0]}: {name}"] += count
-    left, right = list((Counter(old) & Counter(new)).elements()), Counter(new) & Counter(old)
-    if not left or Counter(left) != right:
-        return found
-    both = Counter(left)
+    both = Counter(old) & Counter(new)
     orders = [_kept(events, Counter(both)) for events in (old, new)]
     for one, two in zip(*orders, strict=True):
         if one != two:
-            found[f"order: {_short(one)} / {_short(two)}"] += 1
+            found[f"order: {one.split()[0]} / {two.split()[0]}"] += 1
     return found
 
 
@@ -104,10 +101,6 @@ def _kept(events: list[str], both: Counter[str]) -> list[str]:
             both[event] -= 1
             kept.append(event)
     return kept
-
-
-def _short(event: str) -> str:
-    return event.split()[0]
 
 
 def compare(old: Path, new: Path, family: str, first: int, last: int) -> Verdict:
@@ -137,18 +130,21 @@ def compare(old: Path, new: Path, family: str, first: int, last: int) -> Verdict
 # ---- showing -------------------------------------------------------------------------------------
 
 
-def _first_difference(old: Told, new: Told) -> Iterator[str]:
-    """The first row of each column that is not the same."""
+def _both(old: list[Any], new: list[Any], missing: Any = "none") -> list[tuple[Any, Any]]:
+    return list(itertools.zip_longest(old, new, fillvalue=missing))
+
+
+def _first_differences(old: Told, new: Told) -> list[str]:
+    """The first row of each column that is not the same, the earliest first."""
+    found = []
     for name in old["motion"].keys() & new["motion"].keys():
-        for part, (one, two) in enumerate(
-            itertools.zip_longest(old["motion"][name], new["motion"][name], fillvalue=[])
-        ):
-            if one == two:
-                continue
-            rows = itertools.zip_longest(one, two, fillvalue="none")
-            row, (a, b) = next((i, pair) for i, pair in enumerate(rows) if pair[0] != pair[1])
-            yield f"{row:8d} {name} (part {part}): {a} -> {b}"
-            break
+        for part, (one, two) in enumerate(_both(old["motion"][name], new["motion"][name], [])):
+            if one != two:
+                rows = enumerate(_both(one, two))
+                row, (a, b) = next((i, pair) for i, pair in rows if pair[0] != pair[1])
+                found.append((part, row, f"part {part} row {row} {name}: {a} -> {b}"))
+                break
+    return [text for *_, text in sorted(found)]
 
 
 def _show(old: Path, new: Path, family: str, found: Verdict) -> None:
@@ -156,19 +152,17 @@ def _show(old: Path, new: Path, family: str, found: Verdict) -> None:
     if found.alone:
         print(f"    columns of one checkout only, not compared: {', '.join(sorted(found.alone))}")
     if found.moved is not None:
-        print(f"    motion differs first at seed {found.moved}; row and column, OLD -> NEW:")
+        print(f"    motion differs first at seed {found.moved}, OLD -> NEW:")
         whole = [_whole(checkout, family, found.moved) for checkout in (old, new)]
-        for line in sorted(_first_difference(*whole))[:SHOWN]:
+        for line in _first_differences(*whole)[:SHOWN]:
             print(f"    {line}")
     if found.told is not None:
         print(f"    events differ first at seed {found.told}; how often which:")
         for kind, count in found.kinds.most_common(SHOWN):
             print(f"    {count:8d} {kind}")
         rows = [_whole(checkout, family, found.told)["events"] for checkout in (old, new)]
-        for one, two in itertools.zip_longest(*rows, fillvalue="none"):
-            if one != two:
-                print(f"    OLD {one}\n    NEW {two}")
-                break
+        one, two = next(pair for pair in _both(*rows) if pair[0] != pair[1])
+        print(f"    OLD {one}\n    NEW {two}")
 
 
 def main() -> int:

@@ -66,7 +66,8 @@ def word(member: Enum | type) -> str:
 
 def reactions(*values: str) -> Reactions:
     """Reactions by their order: host death, silence, drive fault, following error, overrun, ..."""
-    return Reactions(**dict(zip((f.name for f in fields(Reactions)), values, strict=False)))
+    options: dict[str, Any] = dict(zip((f.name for f in fields(Reactions)), values, strict=False))
+    return Reactions(**options)
 
 
 def columns(recording: Recording) -> Iterator[tuple[str, Any]]:

@@ -6,8 +6,6 @@ from random import Random
 from typing import Any
 
 import numpy as np
-from told import Told
-from watched import _INJECTED, fault_config, homing_config
 
 from sjerk import (
     Drive,
@@ -19,6 +17,8 @@ from sjerk import (
     plan_velocity,
     scurve,
 )
+from told import Told
+from watched import _INJECTED, fault_config, homing_config
 
 SAMPLED = 20_000  # cycles up to which every sample is compared
 

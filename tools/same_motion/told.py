@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from dataclasses import astuple, is_dataclass
 from enum import Enum
 from typing import Any
 
 import numpy as np
-from adapter import columns, word
 
+from adapter import columns, word
 from sjerk import Host, MotionKernel, SjerkError, simulate
 
 #: Commands a host between cycles; yields how many cycles are to pass.
-Play = Callable[[Host], Iterator[int]]
+Play = Callable[[Host], Generator[int]]
 
 
 class Told:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Generator
 from dataclasses import replace
 from random import Random
 from typing import Any
@@ -10,10 +10,9 @@ from typing import Any
 from adapter import inject, reactions
 from commanded import Hand
 from drawn import PERIODS, UNITS, WAITS, axis
-from told import Told, run
-
 from sjerk import Drive, DriveConfig, Host, MotionKernel
 from sjerk.cia402 import Fault
+from told import Told, run
 
 _INJECTED = [fault for fault in Fault if fault <= Fault.LOST_LINK]
 
@@ -49,7 +48,7 @@ def homing(draw: Random, told: Told) -> None:
     ]
     machine = MotionKernel(axes, draw.choice(PERIODS))
 
-    def play(host: Host) -> Iterator[int]:
+    def play(host: Host) -> Generator[int]:
         hand = Hand(draw, told, host, machine.axes)
         host.enable()
         yield 10
@@ -164,7 +163,7 @@ def faults(draw: Random, told: Told) -> None:
         else:
             inject(machine, i, kind, comes)
 
-    def passing(cycles: int) -> Iterator[int]:
+    def passing(cycles: int) -> Generator[int]:
         if not outside:
             yield cycles
             return
@@ -172,7 +171,7 @@ def faults(draw: Random, told: Told) -> None:
             yield 1
             line.exchange()
 
-    def play(host: Host) -> Iterator[int]:
+    def play(host: Host) -> Generator[int]:
         hand = Hand(draw, told, host, machine.axes)
         host.enable()
         yield from passing(30)

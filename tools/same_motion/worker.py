@@ -16,19 +16,20 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import commanded
 import numpy as np
+
+import commanded
 import planned
+import sjerk
+import streamed
 import watched
 from told import Told
-
-import sjerk
 
 FAMILIES: dict[str, Callable[[random.Random, Told], None]] = {
     "moves": commanded.moves,
     "paths": commanded.paths,
-    "streams": commanded.streams,
-    "executor": commanded.executor,
+    "streams": streamed.streams,
+    "executor": streamed.executor,
     "homing": watched.homing,
     "faults": watched.faults,
     "planner": planned.planner,
