@@ -19,7 +19,7 @@ from sjerk.errors import (
 from sjerk.executor import StreamPlayer, TrajectoryExecutor
 from sjerk.host import Host, Monitor, Move, Path
 from sjerk.kernel import Axis, Clock, MotionKernel, Reactions
-from sjerk.planner.planning import plan, plan_many, plan_velocity
+from sjerk.planner import plan, plan_many, plan_velocity
 from sjerk.profile import Limits, Profile, Samples, State, scurve
 from sjerk.recording import Recorder, Recording, replay, simulate
 from sjerk.trajectory.faults import TrajectoryError

@@ -25,7 +25,7 @@ def stepped(profile: Profile) -> Any:
     ip = ffi.new("sj_interpolator *")
     start, end = profile.start, profile.end
     lib.sj_interpolator_start(ip, ffi.new("sj_state *", (start.position, start.velocity * T, 0.0)))
-    plan = profile._c_plan
+    plan = profile.c_plan
     assert lib.sj_interpolator_load(ip, plan, end.position, end.velocity * T, 0) == lib.SJ_LOAD_OK
     return ip
 
@@ -103,7 +103,7 @@ def test_a_refused_plan_leaves_the_interpolator_as_it_was() -> None:
     for _ in range(100):
         lib.sj_interpolator_step(ip)
     before = bytes(ffi.buffer(ip))
-    plan = profile._c_plan
+    plan = profile.c_plan
     assert lib.sj_interpolator_load(ip, plan, 1.0, 0.0, 0) == lib.SJ_LOAD_MISSES
     wrong = ffi.new("sj_plan *")
     for count, cycles in ((-1, 0), (lib.SJ_PHASES + 1, 1), (1, 0), (1, 2**62)):

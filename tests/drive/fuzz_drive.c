@@ -81,19 +81,20 @@ int main(int count, char **arguments)
     static const int8_t modes[] = {0, 1, 1, 3, 6, 8, 8, 8, 9, 10, 7, -1};
     static const uint16_t climb[8] = {0x00, 0x06, 0x07, 0x0F, 0x0F, 0x0F, 0x0F, 0x00};
     uint64_t visited[8] = {0};
-    sj_drive_config config;
+    sj_drive_config usual, config;
     sj_drive drive;
     sj_drive_rx rx = {0};
     sj_drive_tx tx = {0};
 
     random_state = strtoull(count > 2 ? arguments[2] : "1", NULL, 10) * 0x9E3779B97F4A7C15u + 1;
-    sj_drive_config_default(&config);
-    promise(sj_drive_init(&drive, &config) == 0, "the defaults are refused", 0);
+    FILE *file = count > 3 ? fopen(arguments[3], "rb") : NULL;
+    promise(file != NULL && fread(&usual, sizeof usual, 1, file) == 1, "no config", 0);
+    (void)fclose(file);
+    promise(sj_drive_init(&drive, &usual) == 0, "the config is refused", 0);
     for (uint64_t k = 1; k <= cycles; k++) {
         const int32_t before = drive.state;
         if (below(4000) == 0) {
-            sj_drive_config_default(&config);
-            promise(sj_drive_init(&drive, &config) == 0, "the defaults are refused", k);
+            promise(sj_drive_init(&drive, &usual) == 0, "the config is refused", k);
             sj_drive_cycle_planned(&drive, &rx, &tx);
             continue;
         }
@@ -103,8 +104,8 @@ int main(int count, char **arguments)
             (void)sj_drive_configure(&drive, &config);
         }
         if (below(400) == 0) {
-            sj_drive_config_default(&config); /* back to a drive that can be enabled */
-            promise(sj_drive_configure(&drive, &config) == 0, "the defaults are refused", k);
+            /* back to a drive that can be enabled */
+            promise(sj_drive_configure(&drive, &usual) == 0, "the config is refused", k);
         }
         rx.controlword = climb[drive.state];
         if (drive.state == SJ_STATE_FAULT && k % 2) {

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from sjerk._binding import ffi, lib
 from sjerk.cia402 import (
+    MOTORS,
     Drive,
     DriveConfig,
     DriveConfigError,
@@ -162,12 +163,14 @@ def test_a_bad_field_is_named_with_value_and_limits() -> None:
     assert lib.sj_drive_config_field(len(names) + 1, low, high) == ffi.NULL
 
 
-def test_the_defaults_of_python_are_those_of_c() -> None:
-    """One set of defaults, written twice, equal."""
-    config = ffi.new("sj_drive_config *")
-    lib.sj_drive_config_default(config)
-    for name, value in vars(DriveConfig()).items():
-        assert getattr(config, name) == value, name
+@pytest.mark.parametrize("motor", MOTORS)
+def test_a_config_reaches_the_c_as_it_is(motor: str) -> None:
+    """Each field has the value that it was given, and the C accepts the whole."""
+    config = DriveConfig.for_motor(motor, home_offset=-7, polarity=224, following_window=2**32 - 1)
+    raw = config.to_c()
+    for name, value in vars(config).items():
+        assert getattr(raw, name) == value, name
+    assert lib.sj_drive_config_check(raw) == 0
 
 
 def test_a_mode_without_a_loop_is_not_displayed() -> None:

@@ -16,7 +16,8 @@ from types import SimpleNamespace
 import pytest
 
 from helpers.root import SOURCES, TESTS
-from sjerk.cia402 import TRANSITIONS, Drive, State
+from sjerk._binding import ffi
+from sjerk.cia402 import TRANSITIONS, Drive, DriveConfig, State
 from sjerk.drive.device import Device
 from sjerk.drive.objects import OBJECTS, Abort
 from sjerk.ports.canopen.node import Node
@@ -154,8 +155,10 @@ def test_random_words_under_the_sanitizers(tmp_path: Path) -> None:
     if built.returncode and ("cannot find" in built.stderr or "unrecognized" in built.stderr):
         pytest.skip(f"no sanitizers: {built.stderr.splitlines()[-1]}")
     assert built.returncode == 0, built.stderr
+    config = tmp_path / "config"
+    config.write_bytes(bytes(ffi.buffer(DriveConfig().to_c())))
     done = subprocess.run(
-        [str(program), str(CYCLES), str(SEED)], capture_output=True, text=True, timeout=3600
+        [program, str(CYCLES), str(SEED), config], capture_output=True, text=True, timeout=3600
     )
     assert done.returncode == 0, done.stderr
     counts = [int(part.partition(":")[2]) for part in done.stdout.split()]

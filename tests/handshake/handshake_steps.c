@@ -1,6 +1,6 @@
-/* Every step of the real C: runs _handshake.c with a scheduler between its atomic operations.
+/* Every step of the real C: runs the C of dpram/ with a scheduler between its atomic operations.
  *
- * _handshake.c is compiled with -fsanitize=thread but linked with this file instead of the sanitizer:
+ * That C is compiled with -fsanitize=thread but linked with this file instead of the sanitizer:
  * each atomic operation then calls a function below, which may first let the other side run, or kill
  * this side, whose successor begins as after kill -9. All runs with up to `deviations` such switches
  * and kills are tried, by replaying from the start. Usage: steps PROTOCOL DEVIATIONS

@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 
 from sjerk import errors, handshake
 from sjerk._binding import ffi, lib
+from sjerk.dpram.files import MAGIC
 from sjerk.handshake import Layout, Segment, raise_for_status
 
 LAYOUT = Layout(
@@ -29,7 +30,7 @@ LAYOUT = Layout(
     abi=5,
 )
 DETERMINISTIC = settings(derandomize=True, deadline=None, max_examples=300)
-READY = 96  # offset in the header; see _handshake.c
+READY = 96  # offset in the header; see _pages.h
 
 
 @pytest.fixture
@@ -215,7 +216,7 @@ def test_another_version_is_named(path: Path, name: str) -> None:
 
 def test_python_and_c_agree_on_the_magic() -> None:
     """What clean() looks for is what format writes."""
-    assert formatted().startswith(handshake._MAGIC)
+    assert formatted().startswith(MAGIC)
 
 
 def test_the_examples_in_the_docstrings_run() -> None:

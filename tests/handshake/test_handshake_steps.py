@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from helpers.exchanges import room_text
 from helpers.root import SOURCES, TESTS
 
 STEPS = TESTS / "handshake" / "handshake_steps.c"
@@ -21,7 +22,7 @@ pytestmark = pytest.mark.skipif(CC is None, reason="no C compiler")
 
 def build(folder: Path, mutate: tuple[str, str] | None = None) -> Path:
     """The search program around the (mutated) C."""
-    text = (SOURCES / "dpram" / "_handshake.c").read_text()
+    text = room_text()
     if mutate:
         assert text.count(mutate[0]) == 1, f"the mutant no longer fits: {mutate[0]!r}"
         text = text.replace(*mutate)

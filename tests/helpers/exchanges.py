@@ -1,9 +1,15 @@
-"""The kernel's side of the exchanges of a segment, for its tests."""
+"""The exchanges of a segment for its tests: the kernel's side, and the text of their C."""
 
 from __future__ import annotations
 
+from helpers.root import SOURCES
 from sjerk._binding import ffi, lib
 from sjerk.handshake import Segment
+
+
+def room_text() -> str:
+    """All C of the dual-port RAM as one text, to be built as it is or as a mutant."""
+    return "\n".join(file.read_text() for file in sorted((SOURCES / "dpram").glob("_*.c")))
 
 
 def collect(segment: Segment) -> bytes | int:

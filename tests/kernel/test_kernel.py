@@ -247,7 +247,7 @@ def test_a_command_that_was_forged_is_refused_by_the_kernel() -> None:
     def send(goal: float, velocity: float, limit: float) -> int:
         entry = host.link.command.axis[0].goal
         entry.kind, entry.goal, entry.goal_velocity = 1, goal, velocity
-        ffi.memmove(ffi.addressof(entry, "limits"), LIMITS._per_cycle(T), 40)
+        ffi.memmove(ffi.addressof(entry, "limits"), LIMITS.per_cycle(T), 40)
         entry.limits.jerk = limit
         host.link.command.goal_id += 1
         host.link.publish()

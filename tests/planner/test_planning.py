@@ -26,7 +26,7 @@ from sjerk import (
     plan_velocity,
     scurve,
 )
-from sjerk.planner.planning import Motion
+from sjerk.planner import Motion
 
 T = 1e-3
 ROBOT = Limits(velocity=90.0, acceleration=500.0, jerk=5000.0)
@@ -39,7 +39,7 @@ def nodes(profile: Profile) -> list[tuple[float, float, float]]:
     """(V peak, A, V) at the end of every phase, in rationals from the plan's own numbers, which are
     per cycle: another rounding of them is what a cruise of 10^9 cycles multiplies.
     """
-    T_s, made = profile.cycle_time, profile._c_plan
+    T_s, made = profile.cycle_time, profile.c_plan
     P, V, A = Sample(
         Fraction(profile.start.position),
         Fraction(profile.start.velocity * T_s),

@@ -5,12 +5,12 @@
  * samples are the interpolators' own, and the interpolators take over again. Never here: which moves
  * these are, stops, drives, memory of its own.
  */
-#include <math.h>   /* fabs, fmax, fmin */
-#include <stddef.h>
+#include <math.h>   /* fabs, fmax, fmin, INFINITY */
 #include <stdint.h>
-#include "cycle/_cycle.h"
-#include "base/_double_double.h" /* double-double sums */
-#include "base/_continuous.h" /* from samples to the continuous motion */
+#include "base/_double_double.h"
+#include "cycle/_hold.h"
+#include "cycle/_motion.h"
+#include "cycle/_stops.h"
 
 static const double NOTHING = 1e-9; /* of a limit: neither forward nor backward */
 
@@ -137,7 +137,7 @@ static int32_t lay(sj_paced *paced)
 
 /* ---- begin and end --------------------------------------------------------------------------- */
 
-int32_t sj_paced_can(const sj_kernel *kernel, const int32_t *axes, int32_t n)
+int32_t sj_hold_possible(const sj_kernel *kernel, const int32_t *axes, int32_t n)
 {
     int32_t line = 1;
     for (int32_t k = 0; k < n; k++) {
@@ -151,7 +151,7 @@ int32_t sj_paced_can(const sj_kernel *kernel, const int32_t *axes, int32_t n)
     return n > 1 && !line && kernel->paced.axes == 0;
 }
 
-int32_t sj_paced_begin(sj_kernel *kernel, uint64_t axes, double planned)
+int32_t sj_hold_begin(sj_kernel *kernel, uint64_t axes, double planned)
 {
     sj_paced *paced = &kernel->paced;
     double position[SJ_AXES];
@@ -180,7 +180,16 @@ int32_t sj_paced_begin(sj_kernel *kernel, uint64_t axes, double planned)
     return 1;
 }
 
-void sj_paced_hand_over(sj_kernel *kernel, uint64_t axes)
+void sj_hold_by_stop(sj_kernel *kernel, const int32_t *axes, int32_t n)
+{
+    sj_stop_together(kernel, axes, n);
+    for (int32_t k = 0; k < n; k++) { /* unless it stops on its goal */
+        sj_axis *ax = &kernel->axis[axes[k]];
+        ax->parked = ax->interpolator.goal_free || ax->interpolator.ahead == 0;
+    }
+}
+
+void sj_hold_hand_over(sj_kernel *kernel, uint64_t axes)
 {
     const sj_paced *paced = &kernel->paced;
     if (paced->player.cycle == 0 || paced->player.plain > 0)
@@ -197,7 +206,7 @@ void sj_paced_hand_over(sj_kernel *kernel, uint64_t axes)
     }
 }
 
-void sj_paced_release(sj_kernel *kernel, uint64_t axes)
+void sj_hold_release(sj_kernel *kernel, uint64_t axes)
 {
     sj_paced *paced = &kernel->paced;
     for (int32_t k = 0; k < paced->count; k++)
@@ -212,7 +221,7 @@ void sj_paced_release(sj_kernel *kernel, uint64_t axes)
 static void give_back(sj_kernel *kernel, int32_t k)
 {
     kernel->axis[kernel->paced.axis[k]].interpolator = kernel->paced.way[k];
-    sj_paced_release(kernel, axis_bit(kernel->paced.axis[k]));
+    sj_hold_release(kernel, axis_bit(kernel->paced.axis[k]));
 }
 
 static void lead(sj_kernel *kernel, int32_t k)
@@ -229,7 +238,7 @@ static void lead(sj_kernel *kernel, int32_t k)
     ip->j = exact_of(player->jerk[k]);
 }
 
-void sj_paced_step(sj_kernel *kernel)
+uint64_t sj_hold_step(sj_kernel *kernel)
 {
     sj_paced *paced = &kernel->paced;
     sj_player *player = &paced->player;
@@ -241,12 +250,10 @@ void sj_paced_step(sj_kernel *kernel)
             paced->axes &= ~axis_bit(paced->axis[k]);
     kernel->feedback.paced = paced->axes;
     if (paced->axes == 0)
-        return;
+        return 0;
     player->wish = held && player->cycle >= SJ_PACE_SEEN ? 0.0 : 1.0;
-    if (sj_player_step(player) == SJ_PACE_LOST) { /* its track is whole: never */
-        sj_stop_halt(kernel, paced->axes);
-        return;
-    }
+    if (sj_player_step(player) == SJ_PACE_LOST)
+        return paced->axes; /* its track is whole: never */
     for (int64_t whole = sj_player_place(player, &rest); paced->at < whole - 1; paced->at++)
         for (int32_t k = 0; k < paced->count; k++)
             sj_interpolator_step(&paced->way[k]);
@@ -258,4 +265,5 @@ void sj_paced_step(sj_kernel *kernel)
                 lead(kernel, k);
         }
     kernel->feedback.paced = paced->axes;
+    return 0;
 }

@@ -6,16 +6,21 @@
  */
 #include <stddef.h>
 #include <stdint.h>
-#include "cycle/_cycle.h"
+#include "cycle/_events.h"
+#include "cycle/_inputs.h"
+#include "cycle/_lookahead.h"
+#include "cycle/_motion.h"
+#include "cycle/_path.h"
+#include "cycle/_queue.h"
 
-void sj_ahead_start(sj_ahead *ahead)
+void sj_lookahead_start(sj_ahead *ahead)
 {
     for (int32_t i = 0; i < SJ_AHEAD; i++)
         ahead->order[i] = i;
 }
 
 /* Before the command is collected: a record is never taken before a command that was given before it. */
-void sj_ahead_see(sj_kernel *kernel)
+void sj_lookahead_see(sj_kernel *kernel)
 {
     sj_inputs_ring(kernel);
     kernel->ahead.seen = kernel->ahead.stop = kernel->ring_seen;
@@ -55,7 +60,8 @@ static int32_t falls_under(const sj_drop *order, const sj_held *held)
            (held->axes & order->axes) != 0;
 }
 
-void sj_ahead_drop(sj_kernel *kernel, uint64_t axes, uint64_t first, uint64_t last, int32_t result)
+void sj_lookahead_drop(sj_kernel *kernel, uint64_t axes, uint64_t first, uint64_t last,
+                       int32_t result)
 {
     sj_ahead *ahead = &kernel->ahead;
     uint64_t published = kernel->ring_published;
@@ -87,9 +93,9 @@ void sj_ahead_drop(sj_kernel *kernel, uint64_t axes, uint64_t first, uint64_t la
     ahead->drop[ahead->drops++] = order;
 }
 
-void sj_ahead_stop(sj_kernel *kernel, uint64_t axes)
+void sj_lookahead_stop(sj_kernel *kernel, uint64_t axes)
 {
-    sj_ahead_drop(kernel, axes, 0, kernel->ahead.stop, SJ_RESULT_STOPPED);
+    sj_lookahead_drop(kernel, axes, 0, kernel->ahead.stop, SJ_RESULT_STOPPED);
 }
 
 /* Whether a record that has just been taken is among them; orders that all have passed are over. */
@@ -116,7 +122,10 @@ static uint64_t axes_of(const sj_kernel *kernel, const sj_record *record)
     return axes;
 }
 
-/* 1 taken, 2 taken and dropped, 0 none, < 0 spoilt; told once, and no record is taken until the host flushes the ring. */
+/* What taking one record came to. */
+enum { TAKE_NONE = 0, TAKE_TAKEN = 1, TAKE_DROPPED = 2, TAKE_SPOILT = 3 };
+
+/* A ring that is spoilt is reported once; no record is taken until the host flushes it. */
 static int32_t take(sj_kernel *kernel)
 {
     sj_ahead *ahead = &kernel->ahead;
@@ -129,14 +138,13 @@ static int32_t take(sj_kernel *kernel)
         if (!kernel->feedback.ring_spoilt) {
             kernel->feedback.corrupt++;
             sj_events_report(kernel, SJ_EVENT_SPOILT, -1, status, 0.0);
-            sj_cycle_react(kernel, SJ_CAUSE_SPOILT, all_axes(kernel));
         }
         kernel->feedback.ring_spoilt = 1;
-        return status;
+        return TAKE_SPOILT;
     }
     kernel->feedback.ring_spoilt = 0;
     if (status == 0)
-        return 0;
+        return TAKE_NONE;
     held->number = kernel->ring_taken;
     held->axes = axes_of(kernel, &held->record);
     held->passing = 0;
@@ -148,7 +156,7 @@ static int32_t take(sj_kernel *kernel)
     order = dropped(ahead, held);
     if (order != NULL) {
         drop(kernel, held, order->result);
-        return 2;
+        return TAKE_DROPPED;
     }
     if (kernel->ending)
         drop(kernel, held, SJ_RESULT_STOPPED);
@@ -158,12 +166,30 @@ static int32_t take(sj_kernel *kernel)
         answer(kernel, held, held->refused, result);
     else
         ahead->count++;
-    return 1;
+    return TAKE_TAKEN;
+}
+
+int32_t sj_lookahead_take(sj_kernel *kernel)
+{
+    const sj_ahead *ahead = &kernel->ahead;
+    int32_t takes = 0, passes = 0;
+
+    while (takes < SJ_AHEAD_TAKES && passes < SJ_AHEAD_PASSES && ahead->count < SJ_AHEAD) {
+        uint64_t taken = kernel->ring_taken;
+        int32_t spoilt = kernel->feedback.ring_spoilt, status;
+        if (taken == ahead->seen || (takes + passes > 0 && taken > ahead->seen))
+            break;
+        status = take(kernel);
+        if (status == TAKE_SPOILT)
+            return !spoilt;
+        passes += status == TAKE_DROPPED;
+        takes += status != TAKE_DROPPED;
+    }
+    return 0;
 }
 
 /* ---- whose turn it is ---- */
 
-/* Each room: OFFER_WAIT, OFFER_TAKEN, or -(enum sj_result). */
 static int32_t offer(sj_kernel *kernel, sj_held *held)
 {
     switch (held->record.kind) {
@@ -177,23 +203,11 @@ static int32_t offer(sj_kernel *kernel, sj_held *held)
     }
 }
 
-void sj_ahead_take(sj_kernel *kernel)
+void sj_lookahead_offer(sj_kernel *kernel)
 {
     sj_ahead *ahead = &kernel->ahead;
     uint64_t waiting = 0; /* axes of earlier records */
-    int32_t takes = 0, passes = 0;
 
-    while (takes < SJ_AHEAD_TAKES && passes < SJ_AHEAD_PASSES && ahead->count < SJ_AHEAD) {
-        uint64_t taken = kernel->ring_taken;
-        int32_t status;
-        if (taken == ahead->seen || (takes + passes > 0 && taken > ahead->seen))
-            break;
-        status = take(kernel);
-        if (status < 0)
-            break;
-        passes += status == 2;
-        takes += status != 2;
-    }
     for (int32_t i = 0; i < ahead->count;) {
         sj_held *held = &ahead->held[ahead->order[i]];
         int32_t said = (held->axes & waiting) ? OFFER_WAIT : offer(kernel, held);

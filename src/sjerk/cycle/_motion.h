@@ -7,6 +7,9 @@
 #include "base/_continuous.h"    /* the continuous motion behind the commanded sample */
 #include "cycle/_state.h"
 
+/* Cycles until a drive's answer is about this homing, not the last. */
+enum { HOMING_SETTLES = 4 };
+
 /* Sets of axes are bits: bit n is axis n. */
 static inline uint64_t axis_bit(int32_t axis) { return UINT64_C(1) << axis; }
 

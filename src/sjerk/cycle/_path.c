@@ -7,8 +7,11 @@
 #include <math.h>   /* fabs, fmax, fmin */
 #include <stddef.h>
 #include <stdint.h>
-#include "cycle/_cycle.h"
-#include "base/_double_double.h" /* the interpolator's numbers */
+#include "base/_double_double.h"
+#include "cycle/_axis.h"
+#include "cycle/_events.h"
+#include "cycle/_motion.h"
+#include "cycle/_path.h"
 
 /* How far off a path may begin, as a part of what one cycle of jerk moves. */
 static const double START = 1e-3;
@@ -185,7 +188,6 @@ uint64_t sj_path_halt(sj_kernel *kernel, uint64_t axes)
     if ((axes & led) == 0)
         return 0;
     path->cancelled = 1;
-    sj_ahead_stop(kernel, led);
     for (int32_t k = 0; k < path->count; k++)
         if (led & axis_bit(path->axis[k]))
             sj_events_trigger(kernel, path->axis[k], SJ_TRIGGER_HALT);
@@ -205,10 +207,9 @@ static uint64_t let_go(sj_kernel *kernel)
     return led;
 }
 
-void sj_path_leave(sj_kernel *kernel, uint64_t axes)
+uint64_t sj_path_leave(sj_kernel *kernel, uint64_t axes)
 {
-    if (axes & kernel->path.led)
-        sj_stop_halt(kernel, let_go(kernel) & ~axes);
+    return axes & kernel->path.led ? let_go(kernel) & ~axes : 0;
 }
 
 /* ---- one cycle ------------------------------------------------------------------------------- */
@@ -273,27 +274,29 @@ static void report(sj_kernel *kernel)
     out->cycle = (double)(at - in->begin) + rest;
 }
 
-void sj_path_step(sj_kernel *kernel)
+uint64_t sj_path_watch(sj_kernel *kernel)
+{
+    const sj_path *path = &kernel->path;
+    const sj_path_command *command = &kernel->command.path;
+    for (int32_t k = 0; k < path->count && path->led != 0; k++)
+        if (!kernel->axis[path->axis[k]].following)
+            sj_path_release(kernel, axis_bit(path->axis[k]));
+    return command->goal_id == path->root && command->cancel && !path->cancelled ? path->led : 0;
+}
+
+uint64_t sj_path_step(sj_kernel *kernel)
 {
     sj_path *path = &kernel->path;
     sj_player *player = &path->player;
     int32_t status;
 
-    for (int32_t k = 0; k < path->count && path->led != 0; k++)
-        if (!kernel->axis[path->axis[k]].following)
-            sj_path_release(kernel, axis_bit(path->axis[k]));
     if (path->led == 0)
-        return;
-    if (kernel->command.path.goal_id == path->root && kernel->command.path.cancel &&
-        !path->cancelled)
-        sj_path_halt(kernel, path->led);
+        return 0;
     player->wish = wish_of(kernel);
     status = sj_player_step(player);
     report(kernel);
-    if (status == SJ_PACE_LOST) {
-        sj_stop_halt(kernel, let_go(kernel));
-        return;
-    }
+    if (status == SJ_PACE_LOST)
+        return let_go(kernel);
     lead(kernel);
     if (status == SJ_PACE_DONE)
         end(kernel, SJ_PATH_DONE);
@@ -305,4 +308,5 @@ void sj_path_step(sj_kernel *kernel)
         sj_events_path(kernel, SJ_PATH_STARVES);
     else if (player->begun || status == SJ_PACE_RESTS)
         sj_events_path(kernel, status == SJ_PACE_RESTS && player->wish == 0.0 ? SJ_PATH_PAUSED : SJ_PATH_RUNS);
+    return 0;
 }

@@ -6,8 +6,12 @@
  */
 #include <stddef.h>
 #include <stdint.h>
-#include "cycle/_cycle.h"
+#include "cycle/_axis.h"
 #include "cycle/_blend.h"
+#include "cycle/_goals.h"
+#include "cycle/_motion.h"
+#include "cycle/_queue.h"
+#include "cycle/_stops.h"
 
 /* ---- judging and beginning ---- */
 
@@ -75,19 +79,10 @@ static sj_axis_goal resolved(const sj_axis *ax, const sj_axis_goal *asked)
     return goal;
 }
 
-/* Axes that have passed a goal for a move that is not begun. */
-static void come_to_rest(sj_kernel *kernel, uint64_t axes)
-{
-    uint64_t stop = kernel->ahead.stop;
-    kernel->ahead.stop = 0; /* what waits behind it may go on */
-    sj_stop_halt(kernel, axes);
-    kernel->ahead.stop = stop;
-}
-
 static int32_t begin(sj_kernel *kernel, sj_held *held)
 {
     const sj_record *record = &held->record;
-    goal_set set;
+    sj_goal_set set;
     int32_t result = SJ_RESULT_ACCEPTED;
 
     set.id = record->goal_id;
@@ -110,7 +105,7 @@ static int32_t begin(sj_kernel *kernel, sj_held *held)
     if (result == SJ_RESULT_ACCEPTED)
         return OFFER_TAKEN;
     held->refused = set.refused;
-    come_to_rest(kernel, held->passing);
+    sj_stop_halt(kernel, held->passing); /* passed their goals for it */
     return -result;
 }
 
@@ -246,7 +241,7 @@ int32_t sj_queue_offer(sj_kernel *kernel, sj_held *held)
         uint64_t passing = onward(kernel, held->passing, 0);
         if (onward(kernel, passing, 1) != passing)
             return OFFER_WAIT;
-        come_to_rest(kernel, passing);
+        sj_stop_halt(kernel, passing);
         return OFFER_TAKEN;
     }
     for (int32_t i = 0; i < kernel->axes; i++)

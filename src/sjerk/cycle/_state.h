@@ -140,3 +140,9 @@ typedef struct {
     int32_t stale[64];                  /* caller: 1, nothing of this drive came in time */
     sj_axis axis[64];
 } sj_kernel;
+
+/* For C only. */
+
+/* What a room says to a record whose turn it is; or refused with -(enum sj_result), then held->refused
+ * is the axis that it is about, or -1. */
+enum sj_offer { OFFER_WAIT = 0, OFFER_TAKEN = 1 };

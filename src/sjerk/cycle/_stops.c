@@ -1,14 +1,17 @@
 /* Stops: what brings axes to rest, always from the commanded state.
  *
  * A halt slows all axes of a goal together; a quick stop brings each to rest as soon as its own stop
- * limits allow. What comes to rest by itself as soon as a stop would is left to do so. Never here:
+ * limits allow. What comes to rest by itself as soon as a stop would is left to do so. A stop moves
+ * axes and drops nothing: what waits for them, their path and their hold are the caller's. Never here:
  * goals to come, drives, memory, time.
  */
 #include <math.h>   /* fabs */
 #include <stdint.h>
-#include "cycle/_cycle.h"
-#include "base/_double_double.h" /* double-double sums */
-#include "base/_continuous.h" /* from samples to the continuous motion and back */
+#include "cycle/_axis.h"
+#include "cycle/_events.h"
+#include "cycle/_group.h"
+#include "cycle/_motion.h"
+#include "cycle/_stops.h"
 
 static int32_t plan_stop(const sj_axis *ax, const sj_limits *limits, sj_plan *plan)
 {
@@ -82,17 +85,13 @@ void sj_stop_together(sj_kernel *kernel, const int32_t *axes, int32_t n)
 
 void sj_stop_halt(sj_kernel *kernel, uint64_t set)
 {
-    set &= ~sj_path_halt(kernel, set);
     for (int32_t i = 0; i < kernel->axes; i++) {
         int32_t axes[SJ_AXES], n;
-        if ((set >> i & 1) == 0 || !kernel->axis[i].following)
+        if ((set & axis_bit(i)) == 0 || !kernel->axis[i].following)
             continue;
         n = sj_group_of(kernel, i, &set, axes);
         for (int32_t k = 0; k < n; k++) {
-            sj_paced_hand_over(kernel, UINT64_C(1) << axes[k]);
-            sj_paced_release(kernel, UINT64_C(1) << axes[k]);
             sj_axis_ceiling(&kernel->axis[axes[k]]);
-            sj_ahead_stop(kernel, UINT64_C(1) << axes[k]);
             sj_events_trigger(kernel, axes[k], SJ_TRIGGER_HALT);
         }
         sj_stop_together(kernel, axes, n);
@@ -109,21 +108,17 @@ void sj_stop_quick(sj_kernel *kernel, uint64_t set, uint64_t together)
 {
     uint64_t planned = 0;
     int64_t longest = 0;
-    sj_path_leave(kernel, set);
-    sj_paced_hand_over(kernel, set);
-    sj_paced_release(kernel, set);
     for (int32_t i = 0; i < kernel->axes; i++) {
-        if ((set >> i & 1) == 0 || !kernel->axis[i].following)
+        if ((set & axis_bit(i)) == 0 || !kernel->axis[i].following)
             continue;
         sj_axis_ceiling(&kernel->axis[i]);
-        sj_ahead_stop(kernel, UINT64_C(1) << i); /* plans for itself: before all stops are planned */
         sj_events_trigger(kernel, i, SJ_TRIGGER_QUICK_STOP);
     }
     for (int32_t i = 0; i < kernel->axes; i++) {
         sj_axis *ax = &kernel->axis[i];
         continuous at;
         sj_limits limits;
-        if ((set >> i & 1) == 0 || !ax->following)
+        if ((set & axis_bit(i)) == 0 || !ax->following)
             continue;
         if (!axis_moving(ax)) {
             if (!ax->reached) /* held on its way */
@@ -136,15 +131,15 @@ void sj_stop_quick(sj_kernel *kernel, uint64_t set, uint64_t together)
             ax->drive_stop = 1;
             continue;
         }
-        planned |= UINT64_C(1) << i;
-        if ((together >> i & 1) && kernel->plan[i].cycles > longest)
+        planned |= axis_bit(i);
+        if ((together & axis_bit(i)) && kernel->plan[i].cycles > longest)
             longest = kernel->plan[i].cycles;
     }
     for (int32_t i = 0; i < kernel->axes; i++) {
         sj_axis *ax = &kernel->axis[i];
-        if ((planned >> i & 1) == 0)
+        if ((planned & axis_bit(i)) == 0)
             continue;
-        if ((together >> i & 1) && kernel->plan[i].cycles < longest)
+        if ((together & axis_bit(i)) && kernel->plan[i].cycles < longest)
             stretch(ax, &ax->config.stop_limits, longest, &kernel->plan[i]);
         if (!rests_within(ax, kernel->plan[i].cycles)) {
             load_stop(ax, &kernel->plan[i]);

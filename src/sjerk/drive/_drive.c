@@ -99,10 +99,8 @@ static void step_mode(sj_drive *drive, int32_t wanted)
     drive->torque_demand_nm = drive->servo.command_nm;
     drive->mode = wanted;
     drive->resync = 1;
-    drive->goal_set = 0;
-    drive->goal_waits = 0;
     drive->acknowledged = 0;
-    sj_profile_drop(drive);
+    sj_profile_give_up(drive);
 }
 
 /* What the motor does in this period, by state. */
@@ -159,8 +157,7 @@ static void move(sj_drive *drive, const sj_drive_rx *rx, sj_servo_command *comma
         if (config->quick_stop_option == 0) {
             sj_motion_power_off(drive, command);
         } else {
-            /* 5..8 are the ramps 1..4 and stay here */
-            sj_motion_stop(drive, command, (config->quick_stop_option - 1) % 4 + 1);
+            sj_motion_stop(drive, command, quick_stop_ramp(config));
         }
         return;
 
@@ -186,8 +183,7 @@ static sj_servo_command bounds(const sj_drive *drive, const sj_drive_rx *rx)
     const double most = rated < config->peak_torque_nm ? rated : config->peak_torque_nm;
     const double high = config->torque_limit_positive * unit;
     const double low = config->torque_limit_negative * unit;
-    const double to_speed = (double)drive->ratio_increments / (double)drive->ratio_units /
-                            drive->constants.increments_per_rad;
+    const double to_speed = increments_per_unit(drive) / drive->constants.increments_per_rad;
 
     return (sj_servo_command){
         .velocity_offset_rad_s =
@@ -226,16 +222,12 @@ static sj_servo_command begin(sj_drive *drive, const sj_drive_rx *rx)
         drive->homing = SJ_HOMING_IDLE; /* a search that is left is over */
     }
     if (drive->state != SJ_STATE_OPERATION_ENABLED) {
-        drive->goal_set = 0;
-        drive->goal_waits = 0;
         drive->acknowledged = 0;
-        sj_profile_drop(drive);
+        sj_profile_give_up(drive);
     } else if (drive->controlword & SJ_CW_HALT &&
                (drive->plan_phase >= 0 || drive->goal_set == SJ_VELOCITY_GOAL)) {
         /* released, the axis waits for a new set-point; a velocity comes back */
-        sj_profile_drop(drive);
-        drive->goal_set = 0;
-        drive->goal_waits = 0;
+        sj_profile_give_up(drive);
     }
     move(drive, rx, &command);
     command.brake |= (rx->digital_outputs & rx->output_mask & 1u) != 0;

@@ -255,8 +255,6 @@ typedef struct {
     uint8_t standing;
 } sj_drive;
 
-void sj_drive_config_default(sj_drive_config *config);          /* SGM7J-04A at 1 ms */
-
 /* 0, or n for the n-th field of sj_drive_config: it lies outside its range, or the fields that
  * end there do not fit each other. */
 int32_t sj_drive_config_check(const sj_drive_config *config);

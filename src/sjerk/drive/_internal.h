@@ -58,14 +58,16 @@ int32_t sj_motion_follow_position(sj_drive *drive, const sj_drive_rx *rx,
                                   sj_servo_command *command);
 void sj_motion_follow_velocity(sj_drive *drive, const sj_drive_rx *rx, sj_servo_command *command);
 void sj_motion_follow_torque(sj_drive *drive, const sj_drive_rx *rx, sj_servo_command *command);
-uint32_t sj_drive_digital_inputs(const sj_drive *drive);       /* 60FDh */
+uint32_t sj_motion_inputs(const sj_drive *drive);               /* 60FDh */
+int sj_motion_blocked(const sj_drive *drive, double way);      /* a limit switch in this direction */
 
 /* _homing.c */
 void sj_homing_period(sj_drive *drive, sj_servo_command *command);
 uint16_t sj_homing_bits(const sj_drive *drive);                 /* statusword bits 10, 12, 13 */
 
 /* _profile_modes.c */
-void sj_profile_drop(sj_drive *drive);
+void sj_profile_drop(sj_drive *drive);                          /* the plan */
+void sj_profile_give_up(sj_drive *drive);                       /* the plan and its goals */
 void sj_profile_answer(sj_drive *drive, const sj_plan *plan);
 void sj_profile_position(sj_drive *drive, const sj_drive_rx *rx, sj_servo_command *command);
 void sj_profile_velocity(sj_drive *drive, const sj_drive_rx *rx, sj_servo_command *command);
@@ -89,6 +91,41 @@ static inline int has_cause(const sj_drive *drive, int32_t fault)
 static inline double per_period(const sj_drive *drive)
 {
     return drive->constants.increments_per_rad * drive->config.period_s;
+}
+
+static inline double increments_per_unit(const sj_drive *drive)
+{
+    return (double)drive->ratio_increments / (double)drive->ratio_units;
+}
+
+static inline double units_per_increment(const sj_drive *drive)
+{
+    return (double)drive->ratio_units / (double)drive->ratio_increments;
+}
+
+/* The speed limit, 6080h or 607Fh, in increments per period. */
+static inline double speed_limit(const sj_drive *drive)
+{
+    return (double)drive->jump_limit / drive->config.jump_factor * increments_per_unit(drive);
+}
+
+/* Into -most .. most. */
+static inline double bounded(double value, double most)
+{
+    return value > most ? most : value < -most ? -most : value;
+}
+
+/* 605Ah: 5..8 are the ramps 1..4, and stay in QUICK STOP ACTIVE. */
+static inline int32_t quick_stop_ramp(const sj_drive_config *config)
+{
+    return config->quick_stop_option > 4 ? config->quick_stop_option - 4
+                                         : config->quick_stop_option;
+}
+
+/* 60F4h in pu, between the axis and its demand as they are inside the drive. */
+static inline int64_t following_error(const sj_drive *drive)
+{
+    return sj_point_difference(drive, drive->demand.units, drive->actual.units);
 }
 
 /* Polarity between the words and the motor. */

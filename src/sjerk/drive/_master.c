@@ -22,7 +22,7 @@ int32_t sj_master_enabled(uint16_t statusword)
     return is(statusword, SJ_STATE_OPERATION_ENABLED);
 }
 
-int32_t sj_master_follows(uint16_t statusword)
+static int follows(uint16_t statusword)
 {
     return sj_master_enabled(statusword) && (statusword & SJ_SW_FOLLOWS) != 0;
 }
@@ -60,7 +60,7 @@ int32_t sj_master_stopping(uint16_t statusword)
 /* A master that does not map 6061h reads a zero: then the statusword has to do. */
 int32_t sj_master_follows_position(const sj_drive_tx *tx)
 {
-    return sj_master_follows(tx->statusword) &&
+    return follows(tx->statusword) &&
            (tx->mode_display == SJ_MODE_CSP || tx->mode_display == SJ_MODE_NONE);
 }
 

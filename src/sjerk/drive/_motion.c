@@ -29,10 +29,17 @@ void sj_motion_power_off(sj_drive *drive, sj_servo_command *command)
 }
 
 /* A velocity the motor could have: what a wild target leaves behind stays finite. */
-static double bounded(const sj_drive *drive, double velocity)
+static double possible(const sj_drive *drive, double velocity)
 {
-    const double most = drive->constants.speed_bound_rad_s * per_period(drive);
-    return velocity > most ? most : velocity < -most ? -most : velocity;
+    return bounded(velocity, drive->constants.speed_bound_rad_s * per_period(drive));
+}
+
+/* Torque feed-forward of a period: J times the acceleration that changes the demand's velocity. */
+static void feed_torque(const sj_drive *drive, sj_servo_command *command, double change)
+{
+    const double speed = 1.0 / per_period(drive);
+    command->torque_nm += drive->config.acceleration_feedforward * drive->constants.inertia_kg_m2 *
+                          change * speed / drive->config.period_s;
 }
 
 /* One period of demand from the velocity at its start to the velocity at its end. */
@@ -49,8 +56,7 @@ void sj_motion_ramp(sj_drive *drive, sj_servo_command *command, double advance, 
     command->advance = advance;
     command->velocity_start_rad_s = drive->demand_velocity * speed;
     command->velocity_end_rad_s = velocity * speed;
-    command->torque_nm += drive->config.acceleration_feedforward * drive->constants.inertia_kg_m2 *
-                          (velocity - drive->demand_velocity) * speed / drive->config.period_s;
+    feed_torque(drive, command, velocity - drive->demand_velocity);
     sj_point_move_increments(drive, &drive->demand, whole);
     drive->demand_fraction = total - (double)whole;
     drive->demand_velocity = velocity;
@@ -81,8 +87,7 @@ void sj_motion_ramp_to(sj_drive *drive, sj_servo_command *command, double goal, 
 static double deceleration(const sj_drive *drive, int32_t option, double torque)
 {
     const sj_drive_config *config = &drive->config;
-    const double scale = (double)drive->ratio_increments / (double)drive->ratio_units *
-                         config->period_s * config->period_s;
+    const double scale = increments_per_unit(drive) * config->period_s * config->period_s;
 
     switch (option) {
     case 1:
@@ -109,7 +114,7 @@ void sj_motion_stop(sj_drive *drive, sj_servo_command *command, int32_t option)
 }
 
 /* Limit switches, as 60FDh shows them: bit 0 negative, 1 positive, 2 home, 3 interlock. */
-uint32_t sj_drive_digital_inputs(const sj_drive *drive)
+uint32_t sj_motion_inputs(const sj_drive *drive)
 {
     const sj_drive_config *config = &drive->config;
     const double turns = (double)drive->servo.encoder * config->encoder_revolutions /
@@ -119,6 +124,12 @@ uint32_t sj_drive_digital_inputs(const sj_drive *drive)
            (config->switch_positive_rev < 1e9 && turns >= config->switch_positive_rev ? 2u : 0u) |
            (config->switch_home_rev < 1e9 && turns >= config->switch_home_rev ? 4u : 0u) |
            (has_cause(drive, SJ_FAULT_SAFE_TORQUE_OFF) ? 8u : 0u);
+}
+
+int sj_motion_blocked(const sj_drive *drive, double way)
+{
+    const uint32_t inputs = sj_motion_inputs(drive);
+    return (inputs & 1u && way < 0.0) || (inputs & 2u && way > 0.0);
 }
 
 /* 607Dh: the target is held inside; an axis that is outside may only come back. */
@@ -166,14 +177,10 @@ int32_t sj_motion_follow_position(sj_drive *drive, const sj_drive_rx *rx, sj_ser
     target = sj_motion_software_limited(drive, target);
     target = sj_point_wrap(drive, turned(drive, target, SJ_POLARITY_POSITION));
     step = sj_point_difference(drive, target, drive->demand.units);
-    const uint32_t inputs = sj_drive_digital_inputs(drive);
-    if ((inputs & 1u && step < 0) || (inputs & 2u && step > 0)) {
+    if (sj_motion_blocked(drive, (double)step)) {
         /* a limit switch: stop, and follow again only away from it */
         drive->limited = 1;
-        sj_motion_stop(drive, command,
-                       config->quick_stop_option > 4 ? config->quick_stop_option - 4
-                                                     : config->quick_stop_option);
-        drive->follows = 0;
+        sj_motion_stop(drive, command, quick_stop_ramp(config));
         return SJ_FAULT_NONE;
     }
     if (drive->limited) {
@@ -199,21 +206,31 @@ int32_t sj_motion_follow_position(sj_drive *drive, const sj_drive_rx *rx, sj_ser
     advance = sj_point_move_units(drive, &drive->demand, step);
     command->advance = (double)advance - drive->demand_fraction;
     drive->demand_fraction = 0.0;
-    drive->demand_velocity = bounded(drive, command->advance);
+    drive->demand_velocity = possible(drive, command->advance);
     command->velocity_start_rad_s = drive->demand_velocity * speed;
     command->velocity_end_rad_s = command->velocity_start_rad_s;
-    command->torque_nm += config->acceleration_feedforward * drive->constants.inertia_kg_m2 *
-                          (drive->demand_velocity - before) * speed / config->period_s;
+    feed_torque(drive, command, drive->demand_velocity - before);
     return SJ_FAULT_NONE;
+}
+
+/* CSV and CST: the quick stop ramp where a limit switch is in the way, or SYNCs stay away. */
+static int interrupted(sj_drive *drive, sj_servo_command *command, double way)
+{
+    if (!sj_motion_blocked(drive, way) &&
+        (uint32_t)drive->missed_in_row <= drive->config.sync_extrapolation) {
+        return 0;
+    }
+    drive->limited |= (sj_motion_inputs(drive) & 3u) != 0;
+    drive->follows = 0;
+    sj_motion_ramp_to(drive, command, 0.0, deceleration(drive, 2, 0.0));
+    return 1;
 }
 
 /* CSV: the velocity command goes to its target over the period; the demand is where the axis is. */
 void sj_motion_follow_velocity(sj_drive *drive, const sj_drive_rx *rx, sj_servo_command *command)
 {
-    const double to_period = (double)drive->ratio_increments / (double)drive->ratio_units *
-                             drive->config.period_s;
-    const double most = (double)drive->jump_limit / drive->config.jump_factor *
-                        ((double)drive->ratio_increments / (double)drive->ratio_units);
+    const double to_period = increments_per_unit(drive) * drive->config.period_s;
+    const double most = speed_limit(drive);
     const double speed = 1.0 / per_period(drive);
     double goal = drive->demand_velocity;
 
@@ -223,24 +240,18 @@ void sj_motion_follow_velocity(sj_drive *drive, const sj_drive_rx *rx, sj_servo_
     }
     drive->follows = !rx->sync_missed;
     if (goal > most || goal < -most) {
-        goal = goal > 0.0 ? most : -most;
+        goal = bounded(goal, most);
         drive->limited = 1;
         drive->follows = 0;
     }
-    const uint32_t inputs = sj_drive_digital_inputs(drive);
-    if ((inputs & 1u && goal < 0.0) || (inputs & 2u && goal > 0.0) ||
-        (uint32_t)drive->missed_in_row > drive->config.sync_extrapolation) {
-        drive->limited |= (inputs & 3u) != 0;
-        drive->follows = 0;
-        sj_motion_ramp_to(drive, command, 0.0, deceleration(drive, 2, 0.0));
+    if (interrupted(drive, command, goal)) {
         return;
     }
     command->control = SJ_SERVO_VELOCITY;
     command->velocity_start_rad_s = drive->demand_velocity * speed;
     command->velocity_end_rad_s = goal * speed;
     command->velocity_offset_rad_s = 0.0;
-    command->torque_nm += drive->config.acceleration_feedforward * drive->constants.inertia_kg_m2 *
-                          (goal - drive->demand_velocity) * speed / drive->config.period_s;
+    feed_torque(drive, command, goal - drive->demand_velocity);
     drive->demand = drive->actual;
     drive->demand_fraction = 0.0;
     drive->demand_velocity = goal;
@@ -249,7 +260,6 @@ void sj_motion_follow_velocity(sj_drive *drive, const sj_drive_rx *rx, sj_servo_
 /* CST: the torque command of the period; 60B2h is already in command->torque_nm. */
 void sj_motion_follow_torque(sj_drive *drive, const sj_drive_rx *rx, sj_servo_command *command)
 {
-    const uint32_t inputs = sj_drive_digital_inputs(drive);
     double torque = drive->torque_demand_nm;
 
     if (!rx->sync_missed) {
@@ -258,13 +268,9 @@ void sj_motion_follow_torque(sj_drive *drive, const sj_drive_rx *rx, sj_servo_co
     }
     drive->demand = drive->actual;
     drive->demand_fraction = 0.0;
-    drive->demand_velocity = bounded(drive, drive->servo.measured_rad_s * per_period(drive));
+    drive->demand_velocity = possible(drive, drive->servo.measured_rad_s * per_period(drive));
     drive->follows = !rx->sync_missed;
-    if ((inputs & 1u && torque < 0.0) || (inputs & 2u && torque > 0.0) ||
-        (uint32_t)drive->missed_in_row > drive->config.sync_extrapolation) {
-        drive->limited |= (inputs & 3u) != 0;
-        drive->follows = 0;
-        sj_motion_ramp_to(drive, command, 0.0, deceleration(drive, 2, 0.0));
+    if (interrupted(drive, command, torque)) {
         return;
     }
     command->control = SJ_SERVO_TORQUE;

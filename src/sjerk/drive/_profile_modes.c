@@ -17,13 +17,20 @@ void sj_profile_drop(sj_drive *drive)
     drive->request.kind = SJ_REQUEST_NONE;
 }
 
+void sj_profile_give_up(sj_drive *drive)
+{
+    sj_profile_drop(drive);
+    drive->goal_set = 0;
+    drive->goal_waits = 0;
+}
+
 /* What is wanted from where the demand will be at the end of this period. */
 static void ask(sj_drive *drive)
 {
     const sj_drive_config *config = &drive->config;
-    const double increments = (double)drive->ratio_increments / (double)drive->ratio_units;
+    const double increments = increments_per_unit(drive);
     const double period = config->period_s;
-    const double most = (double)drive->jump_limit / config->jump_factor * increments;
+    const double most = speed_limit(drive);
     const double wanted = config->profile_velocity * increments * period;
     const double scale = increments * period * period;
     const uint32_t up = config->profile_acceleration < config->max_acceleration
@@ -50,9 +57,8 @@ static void ask(sj_drive *drive)
         request->kind = SJ_REQUEST_MOVE;
         request->distance = (double)way * increments - drive->demand_fraction;
     } else {
-        const double goal = drive->goal_velocity;
         request->kind = SJ_REQUEST_VELOCITY;
-        request->goal = goal > most ? most : goal < -most ? -most : goal;
+        request->goal = bounded(drive->goal_velocity, most);
     }
 }
 
@@ -112,9 +118,7 @@ static void execute(sj_drive *drive, sj_servo_command *command)
 /* A limit switch in the way of the demand. */
 static int blocked(sj_drive *drive)
 {
-    const uint32_t inputs = sj_drive_digital_inputs(drive);
-    const int in_the_way = (inputs & 1u && drive->demand_velocity < 0.0) ||
-                           (inputs & 2u && drive->demand_velocity > 0.0);
+    const int in_the_way = sj_motion_blocked(drive, drive->demand_velocity);
     drive->limited |= in_the_way;
     return in_the_way;
 }
@@ -156,9 +160,7 @@ void sj_profile_position(sj_drive *drive, const sj_drive_rx *rx, sj_servo_comman
         }
     }
     if (blocked(drive)) {
-        sj_profile_drop(drive);
-        drive->goal_set = 0;
-        drive->goal_waits = 0;
+        sj_profile_give_up(drive);
         sj_motion_stop(drive, command, 2);
         return;
     }
@@ -185,16 +187,13 @@ void sj_profile_velocity(sj_drive *drive, const sj_drive_rx *rx, sj_servo_comman
         (double)turned(drive, (int64_t)rx->target_velocity + rx->velocity_offset,
                        SJ_POLARITY_VELOCITY) *
         drive->config.period_s * (double)drive->ratio_increments / (double)drive->ratio_units;
-    const double bound = (double)drive->jump_limit / drive->config.jump_factor *
-                         ((double)drive->ratio_increments / (double)drive->ratio_units);
-    const double held = goal > bound ? bound : goal < -bound ? -bound : goal;
+    const double held = bounded(goal, speed_limit(drive));
     const int fresh = drive->goal_set != SJ_VELOCITY_GOAL || held != drive->goal_velocity;
 
     command->velocity_offset_rad_s = 0.0;
     drive->limited |= held != goal;
     if (blocked(drive)) {
-        sj_profile_drop(drive);
-        drive->goal_set = 0;
+        sj_profile_give_up(drive);
         sj_motion_stop(drive, command, 2);
         return;
     }
@@ -214,7 +213,7 @@ void sj_profile_velocity(sj_drive *drive, const sj_drive_rx *rx, sj_servo_comman
 static uint16_t velocity_bits(sj_drive *drive)
 {
     const sj_drive_config *config = &drive->config;
-    const double units = (double)drive->ratio_units / (double)drive->ratio_increments;
+    const double units = units_per_increment(drive);
     const double actual = drive->servo.measured_rad_s * drive->constants.increments_per_rad * units;
     const double off = actual - drive->goal_velocity / config->period_s * units;
     const double window = config->velocity_window;

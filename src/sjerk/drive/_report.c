@@ -10,7 +10,7 @@
 static int target_reached(sj_drive *drive)
 {
     const sj_drive_config *config = &drive->config;
-    const int64_t error = sj_point_difference(drive, drive->demand.units, drive->actual.units);
+    const int64_t error = following_error(drive);
 
     if (drive->state != SJ_STATE_OPERATION_ENABLED) {
         drive->window_cycles = 0;
@@ -55,7 +55,7 @@ void sj_report_words(sj_drive *drive, const sj_drive_rx *rx, sj_drive_tx *tx)
 {
     const sj_drive_config *config = &drive->config;
     const sj_servo *servo = &drive->servo;
-    const double to_units = (double)drive->ratio_units / (double)drive->ratio_increments;
+    const double to_units = units_per_increment(drive);
     const double per_mille = 1000.0 / config->rated_torque_nm;
     const double velocity_sign = config->polarity & SJ_POLARITY_VELOCITY ? -1.0 : 1.0;
     const double torque_sign = config->polarity & SJ_POLARITY_TORQUE ? -1.0 : 1.0;
@@ -86,9 +86,8 @@ void sj_report_words(sj_drive *drive, const sj_drive_rx *rx, sj_drive_tx *tx)
     tx->error_code = drive->error_code;
     tx->position_actual = position_word(drive, drive->actual.units);
     tx->position_demand = position_word(drive, drive->demand.units);
-    tx->following_error = (int32_t)turned(
-        drive, sj_point_difference(drive, drive->demand.units, drive->actual.units),
-        SJ_POLARITY_POSITION);
+    tx->following_error =
+        (int32_t)turned(drive, following_error(drive), SJ_POLARITY_POSITION);
     tx->velocity_actual = to_int32(velocity_sign * servo->measured_rad_s *
                                    drive->constants.increments_per_rad * to_units);
     tx->velocity_demand =
@@ -98,7 +97,7 @@ void sj_report_words(sj_drive *drive, const sj_drive_rx *rx, sj_drive_tx *tx)
     tx->current_actual = to_int16(servo->torque_nm * per_mille);
     tx->position_internal = (int32_t)(uint32_t)(uint64_t)drive->actual.increments;
     tx->demand_internal = (int32_t)(uint32_t)(uint64_t)drive->demand.increments;
-    tx->digital_inputs = sj_drive_digital_inputs(drive);
+    tx->digital_inputs = sj_motion_inputs(drive);
     tx->dc_link_mv = has_cause(drive, SJ_FAULT_UNDER_VOLTAGE)  ? 0
                      : has_cause(drive, SJ_FAULT_OVER_VOLTAGE) ? 420000
                                                                : 325000;

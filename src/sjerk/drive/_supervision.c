@@ -80,7 +80,7 @@ int32_t sj_supervise_inputs(sj_drive *drive, const sj_drive_rx *rx)
 void sj_supervise_following(sj_drive *drive, const sj_servo_command *command)
 {
     const sj_drive_config *config = &drive->config;
-    const int64_t error = sj_point_difference(drive, drive->demand.units, drive->actual.units);
+    const int64_t error = following_error(drive);
     const int64_t size = error < 0 ? -error : error;
     const int supervised = drive->state == SJ_STATE_OPERATION_ENABLED &&
                            command->control == SJ_SERVO_POSITION;

@@ -57,8 +57,8 @@ void sj_verdict_judge(sj_drive *drive, int64_t raw_step)
     const sj_drive_config *config = &drive->config;
     const double period = config->period_s;
     /* revolutions of the motor per pu */
-    const double revolution = (double)drive->ratio_increments / (double)drive->ratio_units *
-                              config->encoder_revolutions / config->encoder_increments;
+    const double revolution =
+        increments_per_unit(drive) * config->encoder_revolutions / config->encoder_increments;
     const double to_velocity = revolution / period;
     const double to_acceleration = to_velocity / period;
     const double to_jerk = to_acceleration / period;

@@ -131,9 +131,8 @@ uint16_t sj_master_controlword(uint16_t statusword, int32_t enable, int32_t rese
 /* For C only. */
 
 int32_t sj_master_enabled(uint16_t statusword);                 /* OPERATION ENABLED */
-int32_t sj_master_follows(uint16_t statusword);                 /* enabled and following, bit 12 */
 int32_t sj_master_fault(uint16_t statusword);                   /* FAULT or its reaction */
 int32_t sj_master_lost(uint16_t error_code);                    /* 603Fh: link or SYNC lost */
 int32_t sj_master_stopping(uint16_t statusword);                /* QUICK STOP ACTIVE */
-int32_t sj_master_follows_position(const sj_drive_tx *tx);      /* follows, in mode CSP */
+int32_t sj_master_follows_position(const sj_drive_tx *tx);      /* enabled and following, bit 12; CSP */
 int32_t sj_master_homing(const sj_drive_tx *tx);                /* mode 6: 1 attained, -1 error, 0 */

@@ -12,7 +12,7 @@ from typing import Any, Literal
 
 from sjerk._binding import lib
 from sjerk.errors import InputError, real
-from sjerk.planner.planning import check_target
+from sjerk.planner import check_target
 from sjerk.profile import Limits, State
 
 Target = float | State

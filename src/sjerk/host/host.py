@@ -36,7 +36,7 @@ from sjerk.host.move import Move
 from sjerk.host.path import Path, play
 from sjerk.host.path_records import Blocks
 from sjerk.host.reader import RECORDS, layout
-from sjerk.planner.planning import Synchronization, check_target, code_of, cycles_of
+from sjerk.planner import Synchronization, check_target, code_of, cycles_of
 from sjerk.profile import Limits, State
 
 

@@ -184,7 +184,7 @@ class Link(FrameReader):
 
     def fill_limits(self, entry: Any, limits: Limits) -> None:
         """Write limits into a struct that has them, in cycle units."""
-        rows = limits._per_cycle(self.cycle_time)
+        rows = limits.per_cycle(self.cycle_time)
         ffi.memmove(ffi.addressof(entry, "limits"), rows, len(rows))
 
     def count(self, edge: str, axes: Iterable[int]) -> int:

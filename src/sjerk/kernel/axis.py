@@ -63,7 +63,7 @@ class Axis:
         """The ``sj_axis_config *`` at this cycle time."""
         config = ffi.new("sj_axis_config *")
         for name, limits in (("limits", self.limits), ("stop_limits", self.stop_limits)):
-            rows = (limits or self.limits)._per_cycle(T)
+            rows = (limits or self.limits).per_cycle(T)
             ffi.memmove(ffi.addressof(config, name), rows, len(rows))
         low, high = self.limits.position or (-math.inf, math.inf)
         config.position_min, config.position_max = low, high

@@ -50,8 +50,6 @@ enum sj_synchronization {
     SJ_SYNC_PHASE = 2                   /* the same phases: rest to rest on a straight line */
 };
 
-int32_t sj_plan_axes(int32_t n, const sj_request *request, const sj_limits *limits,
-                     int64_t least_cycles, int32_t *synchronization, sj_plan *plans);
 /* States and limits as memory of sj_state and sj_limits, since Python passes joined bytes: n starts and
  * n targets; n limits, and what one of each of their numbers is per cycle. */
 int32_t sj_plan_samples(int32_t n, double cycle_time_s, const void *states, const void *limits,
@@ -74,3 +72,8 @@ int32_t sj_plan_rows(int64_t n, double cycle_time_s, const double *from, int64_t
                      const double *to, int64_t to_columns, const sj_limits *limits,
                      int64_t limits_step, sj_row *rows, sj_phase *phases, int64_t first,
                      int64_t *failed);
+
+/* For C only. */
+
+int32_t sj_plan_axes(int32_t n, const sj_request *request, const sj_limits *limits,
+                     int64_t least_cycles, int32_t *synchronization, sj_plan *plans);
