@@ -13,7 +13,7 @@ import numpy as np
 
 from sjerk import Limits, plan
 from sjerk.cli.pictures import Curve, panels
-from sjerk.planner.planning import Motion
+from sjerk.planner import Motion
 
 T = 1e-3
 velocity = [2.175, 2.175, 2.175, 2.175, 2.61, 2.61, 2.61]

@@ -17,7 +17,7 @@ CC = shutil.which("cc") or shutil.which("gcc")
 
 
 def hammer(folder: Path, room: str) -> subprocess.CompletedProcess[str]:
-    """Build the hammer around this text of the dual-port RAM and run it; skip where TSan cannot run."""
+    """Build the hammer around this text of the dual-port RAM and run it; skip without TSan."""
     if CC is None:
         pytest.skip("no C compiler")
     (folder / "room.c").write_text(room)
