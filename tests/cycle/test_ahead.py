@@ -99,7 +99,7 @@ def test_a_spoilt_ring_is_told_once_halts_and_is_emptied_by_a_reset() -> None:
     at = bytes(memory).index(mark.to_bytes(8, "little"))
     memory[at : at + 1] = b"\x00"
     kernel.step(2000)
-    told = [e for e in host.events()[0] if e.kind is EventKind.SPOILT]
+    told = [e for e in host.events()[0] if e.kind is EventKind.CORRUPT]
     assert [e.code for e in told] == [lib.SJ_SHM_CORRUPT_DATA]
     assert not host.feedback().moving
     assert not move.done

@@ -288,7 +288,7 @@ def _halts(recording: Recording, i: int) -> NDArray[np.int64]:
     halts = commands["axis"]["halts"][:, i].astype(np.int64) if len(commands) else np.zeros(0)
     found = [chunk.commands["cycle"][1:][np.diff(halts) != 0]] if len(commands) else []
     found.append(chunk.commands["cycle"][:1][halts[:1] != 0])
-    kinds = (EventKind.HOST, EventKind.FAULT, EventKind.FOLLOWING, EventKind.SPOILT)
+    kinds = (EventKind.HOST, EventKind.FAULT, EventKind.FOLLOWING, EventKind.CORRUPT)
     found.append(chunk.events["cycle"][np.isin(chunk.events["kind"], kinds)])
     ending = np.flatnonzero(np.diff(chunk.frames["ending"], prepend=0) > 0)
     found.append(chunk.frames["head"]["cycle"][ending])
