@@ -209,7 +209,7 @@ int32_t sj_interpolator_load(sj_interpolator *ip, const sj_plan *plan, double go
     ip->count = plan->count;
     ip->leg = 0;
     ip->left = plan->count > 0 ? ip->legs[0].cycles : 0;
-    ip->ahead = plan->cycles + 1;
+    ip->cycles_left = plan->cycles + 1;
     return SJ_LOAD_OK;
 }
 
@@ -225,9 +225,9 @@ static void settle(sj_interpolator *ip)
 
 static void count_cycles(sj_interpolator *ip, int64_t cycles)
 {
-    if (ip->ahead > 0) {
-        ip->ahead -= cycles;
-        if (ip->ahead == 0)
+    if (ip->cycles_left > 0) {
+        ip->cycles_left -= cycles;
+        if (ip->cycles_left == 0)
             settle(ip);
     }
     if (ip->leg < ip->count) {
@@ -243,7 +243,7 @@ int32_t sj_interpolator_step(sj_interpolator *ip)
 {
     integrate(ip, ip->leg < ip->count ? ip->legs[ip->leg].jerk : exact_of(0.0));
     count_cycles(ip, 1);
-    return ip->ahead > 0;
+    return ip->cycles_left > 0;
 }
 
 enum { BLOCK = 256 }; /* cycles evaluated from one exact anchor */

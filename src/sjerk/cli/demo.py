@@ -28,8 +28,7 @@ from sjerk.host import Distribution, Host, Timing
 from sjerk.kernel import Axis, MotionKernel
 from sjerk.profile import FloatArray, Limits
 from sjerk.recording import Recorder, Recording
-from sjerk.trajectory import Recording as RecordedPath
-from sjerk.trajectory import read_recording, shipped_recording
+from sjerk.trajectory import RecordedPath, read_recording, shipped_recording
 
 COUNTS_PER_DEGREE = 2**24 / 360.0
 #: Panda joint 1 under the paper's velocity limit; half of each ramp is spent at jerk.
@@ -47,7 +46,7 @@ DIP = 0.1
 
 @dataclass(frozen=True)
 class Run:
-    """One way to play the path, as its cycles were recorded; arrays (cycles,) in deg and s."""
+    """The path played by one method, as its cycles were recorded; arrays (cycles,), deg, s."""
 
     label: str
     cycle: NDArray[np.uint64]
@@ -202,14 +201,14 @@ def run(path: Path, out: Path, cycle_time: float, joint: str | None) -> int:
     with MotionKernel(axes=[axis], cycle_time=cycle_time) as kernel, kernel.host() as host:
         try:
             host.enable()
-            for label, ways in (
+            for label, begin in (
                 ("one move", partial(single_move, host, end)),
                 ("interrupted", partial(streamed, host, recording)),
                 ("stop within", partial(lookahead, host, recording, stop_within=True)),
                 ("look-ahead", partial(lookahead, host, recording, stop_within=False)),
             ):
                 host.move(start).wait()
-                with closing(ways()) as goals:
+                with closing(begin()) as goals:
                     runs.append(play(host, label, goals, end))
             timing = host.feedback().timing
             host.disable()
