@@ -16,6 +16,7 @@ from helpers.loops import enabled
 from sjerk import Axis, Host, Limits, MotionKernel, Move
 from sjerk.cycle.states import AxisState
 from sjerk.host import MoveState
+from sjerk.recording import Frames
 
 #: A hold whose axes cannot brake harder than they do lasts to the goal.
 LONG = 2500
@@ -63,21 +64,17 @@ class Bench:
         if case.change:
             self.host.move(case.first, synchronization=case.synchronization)  # type: ignore[arg-type]
             self.kernel.step(case.change)
-        self.rows: list[list[tuple[float, float, float, float]]] = []
-        self.paced: list[int] = []
+        self.frames = Frames(self.kernel)
         self.move = self.host.move(case.goal)
-        self.look()
-
-    def look(self) -> None:
-        frame = self.host.link.frame()
-        axes = [frame.axis[i] for i in range(frame.axes)]
-        self.rows.append([(a.position, a.velocity, a.acceleration, a.jerk) for a in axes])
-        self.paced.append(int(frame.paced))
 
     def step(self, cycles: int) -> None:
-        for _ in range(cycles):
-            self.kernel.step()
-            self.look()
+        self.frames.step(cycles)
+
+    @property
+    def paced(self) -> list[int]:
+        """Bits of the axes that are paced, by cycle."""
+        paced: list[int] = self.frames.table["paced"].tolist()
+        return paced
 
     def finish(self) -> None:
         for _ in range(20_000):
@@ -89,7 +86,10 @@ class Bench:
     @property
     def table(self) -> Array:
         """(cycles, axes, 4): position, velocity, acceleration, jerk per cycle."""
-        return np.array(self.rows)
+        axes = self.frames.table["axis"]
+        return np.stack(
+            [axes[name] for name in ("position", "velocity", "acceleration", "jerk")], 2
+        )
 
 
 class Line:
