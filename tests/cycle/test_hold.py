@@ -57,7 +57,7 @@ def cases(draw: st.DrawFn) -> Case:
 
 
 class Bench:
-    """One case, each cycle recorded: positions, and which axes are paced."""
+    """One case, each cycle recorded: positions, and which axes are held."""
 
     def __init__(self, case: Case) -> None:
         self.kernel, self.host = enabled([Axis(one, COUNTS) for one in case.limits], T)
@@ -71,10 +71,10 @@ class Bench:
         self.frames.step(cycles)
 
     @property
-    def paced(self) -> list[int]:
-        """Bits of the axes that are paced, by cycle."""
-        paced: list[int] = self.frames.table["paced"].tolist()
-        return paced
+    def feed_hold(self) -> list[int]:
+        """Bits of the axes on a feed hold, by cycle."""
+        feed_hold: list[int] = self.frames.table["feed_hold"].tolist()
+        return feed_hold
 
     def finish(self) -> None:
         for _ in range(20_000):
@@ -225,10 +225,14 @@ def test_a_held_move_stays_on_its_way_and_ends_on_its_goal(
     steps = np.diff(places) * (np.abs(slope) / scale).max(axis=1)
     assert steps.min() >= -1e-9
     assert position[-1].tolist() == list(case.goal) == reference[-1].tolist()
-    back = int(np.max(np.flatnonzero(bench.paced), initial=-1)) + 2  # where its own samples begin
+    back = (
+        int(np.max(np.flatnonzero(bench.feed_hold), initial=-1)) + 2
+    )  # where its own samples begin
     end = int(np.flatnonzero((position != position[-1]).any(axis=1))[-1]) + 2
     own = max(end - back, 0)
-    if any(bench.paced):  # else one axis alone was left to move, or a straight line: by plans anew
+    if any(
+        bench.feed_hold
+    ):  # else one axis alone was left to move, or a straight line: by plans anew
         assert np.array_equal(table[end - own : end], whole[len(whole) - own :])
 
 

@@ -63,7 +63,7 @@ class Run:
     acceleration: np.ndarray
     jerk: np.ndarray
     follows: np.ndarray
-    paced: np.ndarray
+    feed_hold: np.ndarray
     moves: list[Move]
     events: list[Event]
 
@@ -106,9 +106,9 @@ class Watch:
         table = self.frames.table
         axes = table["axis"]
         columns = (axes[name] for name in [*Run.__dataclass_fields__][1:-3])
-        bits = np.arange(axes.shape[1], dtype=table["paced"].dtype)
-        paced = (table["paced"][:, None] >> bits & 1).astype(bool)
-        return Run(table["cycle"], *columns, paced, moves, self.events)
+        bits = np.arange(axes.shape[1], dtype=table["feed_hold"].dtype)
+        feed_hold = (table["feed_hold"][:, None] >> bits & 1).astype(bool)
+        return Run(table["cycle"], *columns, feed_hold, moves, self.events)
 
 
 def give(host: Host, one: Queued, buffer: str | None = None) -> Move:
@@ -211,7 +211,7 @@ def stay_within(run: Run, axes: int, *, quick: bool, disabled: bool = False) -> 
     for i in range(axes):
         q, v, a, j = (c[:, i] for c in (run.position, run.velocity, run.acceleration, run.jerk))
         led = (run.follows[1:, i] & run.follows[:-1, i]).astype(bool)  # else: the drive's own place
-        own = led & ~run.paced[1:, i] & ~run.paced[:-1, i]
+        own = led & ~run.feed_hold[1:, i] & ~run.feed_hold[:-1, i]
         for rate, of in ((v, q), (a, v), (j, a)):
             assert np.max(np.abs(np.diff(of) - (rate[1:] + rate[:-1]) / 2)[own], initial=0.0) <= ulp
         for order, limit in enumerate((OWN.velocity, *most), start=1):

@@ -410,7 +410,7 @@ def test_a_dying_host_disturbs_nothing_but_the_motion_it_wanted_to_be_stopped() 
             host.move(0.0).wait(timeout=300.0)
 
 
-def test_a_spoilt_command_word_stops_the_motion_and_is_counted() -> None:
+def test_a_corrupt_command_word_stops_the_motion_and_is_counted() -> None:
     """A wild writer in the command word: every axis stops along its ramp, nothing else moves."""
     kernel, host = stepped()
     move = host.move(60.0)

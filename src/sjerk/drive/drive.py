@@ -158,7 +158,7 @@ class Drive:
     @property
     def jump_limit(self) -> int:
         """The longest distance of a target from the one before, in pu."""
-        return int(self._c.jump_limit)
+        return int(self._c.scale.jump_limit)
 
     @property
     def inner_steps(self) -> int:

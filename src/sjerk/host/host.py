@@ -172,11 +172,11 @@ class Host(Observer):
     def reset(self, *, axes: Axes = None, timeout: float | None = 5.0) -> None:
         """Reset the faults of drives, and the kernel's own errors, once.
 
-        A look-ahead ring that a wild writer has spoilt is emptied.
+        A look-ahead ring that is corrupt is emptied.
         """
         patience(timeout)
         frame = self._link.read()
-        if frame is not None and frame.ring_spoilt:
+        if frame is not None and frame.ring_corrupt:
             self._link.flush()
         number = self._link.count("resets", axis_numbers(axes, self.axis_count))
         self._link.await_taken(number, timeout, "the reset")

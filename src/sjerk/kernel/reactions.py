@@ -24,7 +24,7 @@ class Reactions:
     is left to its drive and the others react; so after ``sync_lost``: the drive tells that link or
     SYNC is lost (603Fh = 81xxh, 87xxh), or the caller that its image is stale (``Image.stale``).
     ``overrun``: a cycle of the clock was skipped.
-    ``spoilt``: a wild writer in the command. Raises InputError.
+    ``corrupt``: a command or a record that a wild writer overwrote. Raises InputError.
 
     >>> Reactions(drive_fault="quick stop").host_death
     'halt'
@@ -35,7 +35,7 @@ class Reactions:
     drive_fault: Reaction = "halt"
     following_error: Reaction = "quick stop"
     overrun: Reaction = "none"
-    spoilt: Reaction = "halt"
+    corrupt: Reaction = "halt"
     sync_lost: Reaction = "halt"
 
     def __post_init__(self) -> None:
