@@ -1,6 +1,6 @@
 """The command line of sjerk, thin: arguments in, exit code out.
 
-Exit codes: 0 done, 1 an error that is told in one line, 2 wrong arguments,
+Exit codes: 0 done, 1 an error that is reported in one line, 2 wrong arguments,
 3 refused by the kernel, 4 stopped or superseded on the way, 5 not within the time, 6 no such
 kernel, or it ended, 130 stopped by Ctrl-C.
 """

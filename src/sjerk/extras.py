@@ -1,4 +1,4 @@
-"""Optional extras: the one way to a module of sjerk that needs one.
+"""Optional extras: how a module of sjerk that needs one is imported.
 
 Such a module imports its extra at its top, as any other; only who needs it loads it, so that sjerk
 itself runs without. Never here: which module needs which extra.

@@ -1,4 +1,4 @@
-"""cyclictest (rt-tests) beside a kernel: the system's own wake-up latency in the same seconds.
+"""cyclictest (rt-tests) next to a kernel: the system's own wake-up latency in the same seconds.
 
 Started as an external program where it is installed; its JSON is read. Never here: the kernel.
 """

@@ -46,7 +46,7 @@ DIP = 0.1
 
 @dataclass(frozen=True)
 class Run:
-    """One way to play the path, as its cycles were recorded; arrays (cycles,) in deg and s."""
+    """The path played by one method, as its cycles were recorded; arrays (cycles,), deg, s."""
 
     label: str
     cycle: NDArray[np.uint64]
@@ -201,14 +201,14 @@ def run(path: Path, out: Path, cycle_time: float, joint: str | None) -> int:
     with MotionKernel(axes=[axis], cycle_time=cycle_time) as kernel, kernel.host() as host:
         try:
             host.enable()
-            for label, ways in (
+            for label, begin in (
                 ("one move", partial(single_move, host, end)),
                 ("interrupted", partial(streamed, host, recording)),
                 ("stop within", partial(lookahead, host, recording, stop_within=True)),
                 ("look-ahead", partial(lookahead, host, recording, stop_within=False)),
             ):
                 host.move(start).wait()
-                with closing(ways()) as goals:
+                with closing(begin()) as goals:
                     runs.append(play(host, label, goals, end))
             timing = host.feedback().timing
             host.disable()

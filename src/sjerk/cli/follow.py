@@ -69,7 +69,10 @@ def run(options: argparse.Namespace) -> int:
         names, trajectory = _fit(host, trajectory, options)
         executor = open_.enter_context(
             TrajectoryExecutor(
-                host, names, settings=settings, on_feedback=_Progress(options, len(trajectory)).tell
+                host,
+                names,
+                settings=settings,
+                on_feedback=_Progress(options, len(trajectory)).report,
             )
         )
         goal = executor.submit(trajectory)
@@ -132,10 +135,10 @@ class _Progress:
         self._options, self._points = options, points
         self._lock = threading.Lock()
 
-    def tell(self, goal: GoalHandle, told: GoalFeedback) -> None:
+    def report(self, goal: GoalHandle, feedback: GoalFeedback) -> None:
         """One line of feedback."""
-        worst = float(np.abs(told.error).max())
-        point = told.point + 1  # of the trajectory, counted as a person does
+        worst = float(np.abs(feedback.error).max())
+        point = feedback.point + 1  # of the trajectory, counted as a person does
         with self._lock:
             if self._options.json:
                 show(
@@ -143,14 +146,14 @@ class _Progress:
                     {
                         "point": point,
                         "points": self._points,
-                        "desired": told.desired.tolist(),
-                        "actual": told.actual.tolist(),
+                        "desired": feedback.desired.tolist(),
+                        "actual": feedback.actual.tolist(),
                         "error": worst,
-                        "speed": told.speed,
+                        "speed": feedback.speed,
                     },
                 )
                 return
-            line = f"\rway-point {point} of {self._points}, speed {told.speed:.0%}"
+            line = f"\rway-point {point} of {self._points}, speed {feedback.speed:.0%}"
             print(f"{line}, error {worst:.6f} ", end="", file=sys.stderr, flush=True)
 
 

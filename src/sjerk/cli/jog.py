@@ -1,4 +1,4 @@
-"""``sjerk jog``: axes with a velocity until told otherwise. Never here: planning."""
+"""``sjerk jog``: axes with a velocity until another order comes. Never here: planning."""
 
 from __future__ import annotations
 

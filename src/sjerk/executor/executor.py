@@ -1,7 +1,7 @@
 """Trajectories as goals: what an action server of FollowJointTrajectory wraps in a few lines.
 
 ``TrajectoryExecutor`` accepts or refuses a trajectory with the codes of
-joint_trajectory_controller, plays it on a ``Host``, watches tolerances and tells how it goes.
+joint_trajectory_controller, plays it on a ``Host``, watches tolerances and reports how it goes.
 ``docs/explanation/trajectories.md`` has a server around it. Never here: planning, shared memory,
 ROS.
 """
@@ -42,7 +42,7 @@ from sjerk.trajectory.segments import Knot
 
 #: A goal that is to begin later than this, in seconds, has its stamp from another clock.
 FURTHEST = 3600.0
-#: Seconds, beside those of planning, before the stamp of a goal in which its motion is planned.
+#: The motion of a goal is planned so many seconds, and those of planning, before its stamp.
 _HORIZON = 0.2
 #: How often a motion is planned to take over before the one in play is stopped instead.
 _TRIES = 6
@@ -259,7 +259,7 @@ class TrajectoryExecutor:
     # ---- what goes on
 
     def update(self) -> None:
-        """Look once: start what waits, watch tolerances, tell feedback and results."""
+        """Look once: start what waits, watch tolerances, report feedback and results."""
         with self._lock:
             self._sequencer.update()
             if self._goal is not None and self._goal.status in OPEN:
@@ -289,23 +289,23 @@ class TrajectoryExecutor:
             if took_over is not None:
                 self._begin(goal, frame)
             return
-        told = self._feedback_of(goal, frame)
-        goal.progress.feedback = told
+        feedback = self._feedback_of(goal, frame)
+        goal.progress.feedback = feedback
         now = self._clock()
         if self._on_feedback is not None and now - self._told >= self._every * (1.0 - 1e-6):
             self._told = now
-            self._on_feedback(goal.handle, told)
+            self._on_feedback(goal.handle, feedback)
         path = self._sequencer.path
         assert path is not None
         state = path.state
         for k, limit in enumerate(goal.path_tolerance):
-            wrong = violated(told, k, limit)
+            wrong = violated(feedback, k, limit)
             if wrong:
                 code = ResultCode.PATH_TOLERANCE_VIOLATED
                 self._finish(goal, GoalStatus.ABORTED, code, f"path tolerance: {wrong}")
                 return
         if state is PathState.DONE:
-            self._settle(goal, told)
+            self._settle(goal, feedback)
         elif state.ended:
             text = f"the kernel ended the motion: {state.name.lower()}"
             try:
@@ -346,7 +346,7 @@ class TrajectoryExecutor:
         try:
             joined = self._sequencer.join(make, ahead)
         except (PlanError, InputError):
-            return False  # no way from that state within the limits; from rest there may be one
+            return False  # no motion from that state within the limits; from rest there may be one
         goal.tries += joined is not Joined.END
         if joined is Joined.SENT:
             self._executes(goal)
@@ -359,15 +359,15 @@ class TrajectoryExecutor:
         if goal.settings.speed != path.factor:
             path.speed(goal.settings.speed)
 
-    def _settle(self, goal: _Goal, told: GoalFeedback) -> None:
+    def _settle(self, goal: _Goal, feedback: GoalFeedback) -> None:
         """The command has arrived: the joints are within tolerance, or have time left."""
-        wrong = [w for k, t in enumerate(goal.goal_tolerance) if (w := violated(told, k, t))]
+        wrong = [w for k, t in enumerate(goal.goal_tolerance) if (w := violated(feedback, k, t))]
         checked = any(tolerance != Tolerance() for tolerance in goal.goal_tolerance)
-        fast = np.flatnonzero(np.abs(told.actual_velocity) > goal.settings.stopped_velocity)
+        fast = np.flatnonzero(np.abs(feedback.actual_velocity) > goal.settings.stopped_velocity)
         if checked and len(fast):
             k = int(fast[0])
-            speed = told.actual_velocity[k]
-            wrong.append(f"joint {told.joint_names[k]}: velocity {speed:g} is not rest")
+            speed = feedback.actual_velocity[k]
+            wrong.append(f"joint {feedback.joint_names[k]}: velocity {speed:g} is not rest")
         if not wrong:
             self._ended(goal, GoalStatus.SUCCEEDED, ResultCode.SUCCESSFUL, "goal reached")
             return

@@ -193,13 +193,13 @@ def tolerances(
     return [(own or {}).get(n, Tolerance()).over(default.get(n, Tolerance())) for n in names]
 
 
-def violated(told: GoalFeedback, k: int, limit: Tolerance) -> str:
+def violated(feedback: GoalFeedback, k: int, limit: Tolerance) -> str:
     """What is out of tolerance at joint k, or nothing."""
-    velocity = told.desired_velocity[k] - told.actual_velocity[k]
+    velocity = feedback.desired_velocity[k] - feedback.actual_velocity[k]
     for name, error, most in (
-        ("position", told.error[k], limit.position),
+        ("position", feedback.error[k], limit.position),
         ("velocity", velocity, limit.velocity),
     ):
         if most > 0.0 and not abs(error) <= most:
-            return f"joint {told.joint_names[k]}: {name} off by {error:g}, more than {most:g}"
+            return f"joint {feedback.joint_names[k]}: {name} off by {error:g}, more than {most:g}"
     return ""

@@ -92,7 +92,7 @@ def planned(
             start_tolerance=tolerance or 1.0,
             end_velocity_allowed=True,
         )
-        # accelerations are kept anyway; a stretch is told
+        # accelerations are kept anyway; a stretch is reported
         if fault.kind is not FaultKind.ACCELERATION_LIMIT
     ]
     if faults:

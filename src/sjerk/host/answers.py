@@ -39,7 +39,7 @@ def refusal(code: int, axis: int, detail: str = "") -> RefusedError:
 
 
 class Answers:
-    """The newest answers to goals by their ids, as the events tell them."""
+    """The newest answers to goals by their ids, by the events."""
 
     def __init__(self, segment: Segment) -> None:
         """From now on."""
@@ -78,5 +78,5 @@ class Answers:
         return goal_id in self._reached
 
     def path_state(self, goal_id: int) -> PathState:
-        """The last state of a path that was told; SENT for none."""
+        """The last state of a path that an event reported; SENT for none."""
         return PathState(self._path_states.get(goal_id, PathState.SENT))

@@ -1,4 +1,4 @@
-"""What happened in a kernel, told once: its events.
+"""What happened in a kernel: its events.
 
 Never here: feedback, commands, the layout of the memory.
 """

@@ -27,7 +27,7 @@ class PathState(IntEnum):
     STOPS = lib.SJ_PATH_STOPS  #: The axes come to rest on the path, and the rest of it is dropped.
     DONE = lib.SJ_PATH_DONE  #: The command is on the last way-point.
     STOPPED = lib.SJ_PATH_STOPPED  #: The axes rest on the path, and the rest of it is dropped.
-    LEFT = lib.SJ_PATH_LEFT  #: A quick stop, a goal, or late segments led the axes off the path.
+    LEFT = lib.SJ_PATH_LEFT  #: A quick stop, a goal, or late segments took the axes off the path.
     REFUSED = 8  #: The kernel did not accept the path.
     SUPERSEDED = 9  #: Another path or goal took its place.
 

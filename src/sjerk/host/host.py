@@ -73,7 +73,7 @@ class Host(Observer):
         """Become the host of the running kernel ``name`` from another process.
 
         ``limits`` (one per axis) and ``cycle_time`` (s): what the caller takes for granted; the
-        kernel tells both itself. ``wait``: seconds to wait for a host that is about to leave.
+        kernel reports both. ``wait``: seconds to wait for a host that is about to leave.
         Raises HandshakeError: no such kernel, another number of axes, another version, or a living
         host; InputError: another cycle time.
         """
@@ -172,7 +172,7 @@ class Host(Observer):
     def reset(self, *, axes: Axes = None, timeout: float | None = 5.0) -> None:
         """Reset the faults of drives, and the kernel's own errors, once.
 
-        A look-ahead ring that is corrupt is emptied.
+        A corrupt look-ahead ring is emptied.
         """
         patience(timeout)
         frame = self._link.read()
@@ -199,7 +199,7 @@ class Host(Observer):
         """Bring each axis to rest as soon as its own stop limits allow.
 
         Goals are refused until then. ``together``: all of them as late as the slowest, where the
-        way to a goal and the limits allow.
+        distance to the goal and the limits allow.
         """
         with self._link.lock:
             for i in axis_numbers(axes, self.axis_count):
@@ -219,19 +219,20 @@ class Host(Observer):
             )
 
     def override(self, factor: float, timeout: float | None = 5.0) -> None:
-        """Scale the velocities of all motions, 0 .. 2; in motion too, within the axes' limits.
+        """Feed override: scale the velocities of all motions, 0 .. 2, in motion too.
 
         Goals are planned anew from the commanded state, so acceleration and jerk keep their limits;
-        no motion becomes faster than the axis or its goal allows. 0 waits as ``hold`` does.
+        no motion becomes faster than the axis or its goal allows. 0 waits as ``hold`` does. Raises
+        InputError.
         """
         check_factor(factor)
         patience(timeout)
         self._level("override", factor, timeout)
 
     def hold(self, timeout: float | None = 5.0) -> None:
-        """Come to rest on the way to the goals and keep them; ``resume`` goes on.
+        """Feed hold: come to rest before the goals and keep them; ``resume`` goes on.
 
-        Axes that are synchronised stay on the way that was planned, together; where one brakes at
+        Axes that are synchronised stay on the path that was planned, together; where one brakes at
         its limit already, that may be at the goal. A stop is ``halt`` or ``quick_stop``, not this.
         """
         self._level("hold", 1, timeout)
@@ -286,15 +287,15 @@ class Host(Observer):
         state, also during a motion, which the new goal replaces; the same goal under the same
         limits changes nothing. ``limits``: lower ones than the axes' own for this move, one for
         all its axes or by axis number, the rest at their own; position limits stay in force.
-        ``direction``: of axes that wrap, which way to a position within the turn.
+        ``direction``: of axes that wrap, in which direction to a position within the turn.
 
         ``buffer``, as in PLCopen: ``"aborting"`` replaces at once, and clears the queue of its
         axes; ``"buffered"`` begins in the cycle after the one before is done; a blend lets the one
         before pass its goal at the lower of both velocities, at its own (previous), at the new
-        one's (next), or at the higher, as far as both ways and limits allow. Relative: from the
-        goal before.
+        one's (next), or at the higher, as far as both distances and limits allow.
+        Relative: from the goal before.
 
-        Returns at once; the handle tells the rest. Raises InputError for what is no target, and
+        Returns at once; the handle shows the rest. Raises InputError for what is no target, and
         QueueFullError; a refusal by the kernel is raised by ``Move.wait``.
         """
         if buffer not in BUFFERS:
@@ -328,7 +329,7 @@ class Host(Observer):
         caller's own loop; a source may yield None where its next block is not there yet. ``axes``:
         one per joint, else all in order. The path begins from rest at its first way-point (``move``
         there before) when the axes are at rest and no other path plays; what comes later for these
-        axes waits for its end. Returns at once; the handle tells the rest. Raises InputError, and
+        axes waits for its end. Returns at once; the handle shows the rest. Raises InputError, and
         what the source of the blocks raises at first; a refusal by the kernel is raised by
         ``Path.wait``.
         """
@@ -340,7 +341,7 @@ class Host(Observer):
         *,
         limits: Limits | Mapping[int, Limits] | None = None,
     ) -> Move:
-        """Move with a velocity (axis unit / s) until told otherwise.
+        """Move with a velocity (axis unit / s) until another order comes.
 
         At a position limit it comes to rest; then the velocity is what whole cycles leave of it.
 

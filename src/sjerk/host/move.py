@@ -23,7 +23,7 @@ class MoveState(Enum):
 
     SENT = "sent"  #: The kernel has not answered yet.
     QUEUED = "queued"  #: The kernel has it, and waits for the move before.
-    MOVING = "moving"  #: The axes are on their way to the goal.
+    MOVING = "moving"  #: The axes move to the goal.
     DONE = "done"  #: The command has settled on the goal, or passed it for a queued move.
     STOPPED = "stopped"  #: A stop ended it before the goal.
     SUPERSEDED = "superseded"  #: A newer goal took its place.

@@ -152,13 +152,13 @@ class Path:
     @property
     def progress(self) -> Progress:
         """How far it is."""
-        told = self._link.frame().path
-        mine = told.goal_id == self._goal.goal_id
+        reported = self._link.frame().path
+        mine = reported.goal_id == self._goal.goal_id
         return Progress(
-            point=int(told.number) if mine else 0,
-            time=float(told.cycle) * self._link.cycle_time if mine else 0.0,
-            speed=float(told.speed) if mine else 0.0,
-            known=int(told.known) if mine else 0,
+            point=int(reported.number) if mine else 0,
+            time=float(reported.cycle) * self._link.cycle_time if mine else 0.0,
+            speed=float(reported.speed) if mine else 0.0,
+            known=int(reported.known) if mine else 0,
             fed=self._feeder.fed,
             complete=self._feeder.complete,
         )

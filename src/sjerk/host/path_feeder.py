@@ -61,7 +61,7 @@ class PathFeeder:
             at=at,
             after=after,
         )
-        self._waiting = self._next()  # at once, so that what is wrong is told here
+        self._waiting = self._next()  # at once, so that what is wrong is raised here
         if before is not None and goal.before is not None:
             before.give_way(at + (after > 0))
             goal.speed, goal.paused = goal.before.speed, goal.before.paused
@@ -179,9 +179,9 @@ class PathFeeder:
             base = self._link.segment.base
             if lib.sj_feedback_read(base, self._frame, self._number) != 1:
                 return False
-            told = self._frame.path
-            ended = told.goal_id == self._goal.goal_id and PathState(told.state).ended
-            return bool(told.goal_id > self._goal.goal_id or ended)
+            reported = self._frame.path
+            ended = reported.goal_id == self._goal.goal_id and PathState(reported.state).ended
+            return bool(reported.goal_id > self._goal.goal_id or ended)
 
     # ---- another path takes over
 
@@ -204,8 +204,8 @@ class PathFeeder:
 
     def go_on(self) -> None:
         """No other path has taken over: send again what was taken back, and go on."""
-        told = self._link.frame().path
-        known = int(told.known) if told.goal_id == self._goal.goal_id else 0
+        reported = self._link.frame().path
+        known = int(reported.known) if reported.goal_id == self._goal.goal_id else 0
         with self.lock:
             again = [
                 part[(part["kind"] == lib.SJ_RECORD_SEGMENT) & (part["number"] > known)]

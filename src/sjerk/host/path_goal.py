@@ -52,12 +52,12 @@ class PathGoal:
         return self.state(self._link.frame()).ended
 
     def _state_now(self, frame: Any) -> PathState:
-        told = frame.path
+        reported = frame.path
         if not self.first_record:
             return self._unsent_state(frame)
-        if told.goal_id == self.goal_id:
-            state = PathState(told.state)
-            refused = told.result != lib.SJ_RESULT_ACCEPTED
+        if reported.goal_id == self.goal_id:
+            state = PathState(reported.state)
+            refused = reported.result != lib.SJ_RESULT_ACCEPTED
             return PathState.REFUSED if refused and state.ended else state
         result = self._link.answers.result(self.goal_id, frame)
         if result is not None and result[0] == lib.SJ_RESULT_SUPERSEDED:
@@ -66,7 +66,7 @@ class PathGoal:
             return PathState.STOPPED
         if result is not None and result[0] != lib.SJ_RESULT_ACCEPTED:
             return PathState.REFUSED
-        if told.goal_id > self.goal_id:
+        if reported.goal_id > self.goal_id:
             last = self._link.answers.path_state(self.goal_id)
             return last if last.ended else PathState.SUPERSEDED
         return PathState.SENT
@@ -98,7 +98,7 @@ class PathGoal:
     # ---- orders
 
     def order(self, *, cancel: int = 0) -> None:
-        """Tell the kernel speed and pause, and whether the rest of the path is to be dropped."""
+        """Send speed and pause, and whether the rest of the path is to be dropped."""
         with self._link.lock:
             order = self._link.command.path
             order.goal_id, order.speed = self.root, self.speed

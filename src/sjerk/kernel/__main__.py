@@ -36,15 +36,15 @@ def main() -> None:
     except (EOFError, pickle.UnpicklingError, _EndError):
         return  # who wanted the kernel was ended before it could say which
     name, axes, cycle_time, text = order.name, order.axes, order.cycle_time, order.description
-    beside = trace.layout(len(axes), cycle_time, len(text))
+    trace_layout = trace.layout(len(axes), cycle_time, len(text))
     with (
-        Segment.attach(name + TRACE, beside, role="kernel") as told,
+        Segment.attach(name + TRACE, trace_layout, role="kernel") as traced,
         Segment.attach(name, layout(len(axes)), role="kernel") as segment,
     ):
         kernel = build(axes, cycle_time, order.reactions, segment.base)
-        lib.sj_feedback_publish(told.base, text)
-        trace.touch(told)
-        kernel.trace = told.base
+        lib.sj_feedback_publish(traced.base, text)
+        trace.touch(traced)
+        kernel.trace = traced.base
         end = ffi.new("int32_t *")
         options = order.clock.to_c(cycle_time)
         copy, _memory = rehearsal(len(axes), cycle_time) if options.spin_ns else (ffi.NULL, None)
@@ -65,7 +65,7 @@ def main() -> None:
                 pass
             lib.sj_clock_end(end)
             cycle.join()
-        for mine in (segment, told):
+        for mine in (segment, traced):
             lib.sj_shm_leave_kernel(mine.base)
             mine.unlink()  # for a parent that died
 

@@ -39,7 +39,7 @@ class _Place:
                 raise self.error(key, value, f"unknown; known are {', '.join(names)}")
 
     def make(self, kind: Callable[..., Any], required: tuple[str, ...], values: Any) -> Any:
-        """Construct ``kind``; its own complaint is told with the place."""
+        """Construct ``kind``; its own complaint is raised with the place."""
         for name in required:
             if name not in values:
                 raise self.error(name, None, "is missing")

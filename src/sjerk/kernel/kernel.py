@@ -147,10 +147,11 @@ class MotionKernel:
         if any(axis.drive == "external" for axis in self._axes):
             raise SjerkError("external drives are for step(): nobody would exchange their image")
         text = self._description()
-        own, beside = layout(len(self._axes)), trace.layout(len(self._axes), self._T, len(text))
+        own = layout(len(self._axes))
+        trace_layout = trace.layout(len(self._axes), self._T, len(text))
         try:
-            # first the trace: whoever finds the kernel finds it
-            self._trace = Segment.create(self._name + TRACE, beside, replace_stale=True)
+            # first the trace: a client that finds the kernel finds it
+            self._trace = Segment.create(self._name + TRACE, trace_layout, replace_stale=True)
             self._segment = Segment.create(self._name, own, replace_stale=True)
             self._process = KernelProcess()
             order = Order(self._name, self._axes, self._T, self.clock, self._reactions, text)
@@ -219,7 +220,7 @@ class MotionKernel:
         Made once and read-only: ``step`` changes what it shows; ``positions.copy()`` keeps a cycle.
         """
         if self._process is not None:
-            raise SjerkError("the kernel runs in its process: Host.feedback tells its positions")
+            raise SjerkError("the kernel runs in its process: Host.feedback reports its positions")
         if self._positions is None:
             self._positions = commanded(self._kernel, len(self._axes))
         return self._positions
@@ -252,7 +253,7 @@ class MotionKernel:
         return self._kernel
 
     def trace_to(self, drain: Callable[[], None] | None) -> Segment:
-        """Tell the trace of a caller's own loop from now on; ``drain`` before it can overflow.
+        """Write the trace of a caller's own loop from now on; ``drain`` before it can overflow.
 
         ``drain`` None: nobody is called, and the oldest cycles are overwritten.
         """

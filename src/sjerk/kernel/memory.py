@@ -52,13 +52,13 @@ def rehearsal(axes: int, cycle_time: float, *, clocked: bool = True) -> tuple[An
 
 
 def first_frame(kernel: Any) -> Any:
-    """A ``sj_feedback *`` that tells what the axes are, before the first cycle too."""
+    """A ``sj_feedback *`` that shows what the axes are, before the first cycle too."""
     frame = ffi.new("sj_feedback *", kernel.feedback)
     for i in range(kernel.axes):
-        axis, told = kernel.axis[i], frame.axis[i]
-        told.limits = axis.config.limits
+        axis, shown = kernel.axis[i], frame.axis[i]
+        shown.limits = axis.config.limits
         for name in ("enable", "halts", "quick_stops", "resets", "limit_sets"):
-            setattr(told, name, getattr(axis, name))
+            setattr(shown, name, getattr(axis, name))
     frame.override, frame.hold = kernel.override, kernel.hold
     return frame
 

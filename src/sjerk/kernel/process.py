@@ -67,5 +67,5 @@ class KernelProcess:
     def end(self) -> None:
         """Let it stop the motion and end; returns when it has."""
         with self._stdin, self._stdout:
-            pass  # the end of its input tells it
+            pass  # the end of its input is the order
         self._process.wait()

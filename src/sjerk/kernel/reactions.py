@@ -14,17 +14,28 @@ _REACTIONS = {
     "halt": lib.SJ_REACT_HALT,
     "quick stop": lib.SJ_REACT_QUICK_STOP,
 }
+_CAUSES = {
+    "host_death": lib.SJ_CAUSE_HOST_DEATH,
+    "host_silence": lib.SJ_CAUSE_HOST_SILENCE,
+    "drive_fault": lib.SJ_CAUSE_DRIVE_FAULT,
+    "following_error": lib.SJ_CAUSE_FOLLOWING_ERROR,
+    "overrun": lib.SJ_CAUSE_OVERRUN,
+    "corrupt": lib.SJ_CAUSE_CORRUPT,
+    "sync_lost": lib.SJ_CAUSE_SYNC_LOST,
+}
 
 
 @dataclass(frozen=True, kw_only=True)
 class Reactions:
     """What a kernel does by itself, for all axes; each is also an event.
 
-    ``host_silence`` is that of a host which asked to be watched. After a ``drive_fault`` the axis
-    is left to its drive and the others react; so after ``sync_lost``: the drive tells that link or
-    SYNC is lost (603Fh = 81xxh, 87xxh), or the caller that its image is stale (``Image.stale``).
-    ``overrun``: a cycle of the clock was skipped.
-    ``corrupt``: a command or a record that a wild writer overwrote. Raises InputError.
+    ``host_death``: the process of the host has died. ``host_silence``: a host that asked to be
+    watched has said nothing for too long. ``drive_fault``: the axis is left to its drive, the
+    others react. ``following_error``: beyond ``Axis.following_error``. ``overrun``: the clock has
+    skipped a cycle. ``corrupt``: a command or a record in the shared memory is corrupt.
+    ``sync_lost``: as ``drive_fault``, where a drive reports that its link or SYNC is lost (603Fh =
+    81xxh, 87xxh), or the caller that its process data are stale (``Image.stale``). Raises
+    InputError.
 
     >>> Reactions(drive_fault="quick stop").host_death
     'halt'
@@ -46,4 +57,4 @@ class Reactions:
     def to_c(self, kernel: Any) -> None:
         """Into the ``sj_kernel *``."""
         for name, value in asdict(self).items():
-            kernel.reaction[getattr(lib, f"SJ_CAUSE_{name.upper()}")] = _REACTIONS[value]
+            kernel.reaction[_CAUSES[name]] = _REACTIONS[value]

@@ -1,7 +1,7 @@
 """The trace of a kernel: what each of its cycles took and gave, as arrays.
 
-A segment beside the kernel's own, of the same handshake: items in its event ring, the kernel's
-description as its one feedback frame. Whoever reads it needs no lock and disturbs nobody. Never
+A segment next to the kernel's own, of the same handshake: items in its event ring, the kernel's
+description as its one feedback frame. A reader needs no lock and disturbs nobody. Never
 here: files, motion.
 """
 
@@ -240,7 +240,7 @@ class Trace:
         return chunk
 
     def messages(self) -> list[Chunk]:
-        """Of a trace without frames: what was told since the last call."""
+        """Of a trace without frames: what came since the last call."""
         found = []
         while n := self.segment.check(
             lib.sj_trace_drain(
@@ -254,9 +254,9 @@ class Trace:
 
     def _chunk(self, items: NDArray[np.uint8], kinds: NDArray[np.int32], ends: Any) -> Chunk:
         frames = np.ascontiguousarray(items[ends, : lib.sj_trace_frame_bytes(self.axes)])
-        told = np.ascontiguousarray(items[kinds == lib.SJ_TRACE_EVENT])
+        rows = np.ascontiguousarray(items[kinds == lib.SJ_TRACE_EVENT])
         head = ffi.sizeof("sj_trace_head")
-        event = np.ascontiguousarray(told[:, head : head + event_dtype().itemsize])
+        event = np.ascontiguousarray(rows[:, head : head + event_dtype().itemsize])
         return Chunk(
             frames.view(frame_dtype(self.axes))[:, 0],
             np.zeros(len(frames), np.uint64),

@@ -51,7 +51,7 @@ class ParquetWriter:
     def __init__(self, path: Path, description: str) -> None:
         self._path, self._description = path, description
         self._file: Any = None
-        path.open("wb").close()  # a folder that cannot be written is told now
+        path.open("wb").close()  # a folder that cannot be written fails now
 
     def write(self, tables: Tables) -> None:
         frames = tables[FRAMES]

@@ -106,7 +106,7 @@ class Recording:
 
     @cached_property
     def all(self) -> Chunk:
-        """Everything at once, as the kernel told it (cycle units)."""
+        """Everything at once, as the kernel traced it (cycle units)."""
         return Chunk.joined(list(self.chunks()), len(self.axes))
 
     @property

@@ -22,7 +22,7 @@ from sjerk.kernel.trace import Chunk, Trace, frame_dtype
 from sjerk.recording.recording import Recording
 
 Action = Callable[[Host], object]
-_BATCH = 512  # cycles in one call of C: what they tell must fit the trace
+_BATCH = 512  # cycles in one call of C: their items must fit the trace
 
 
 # ---- by a script ---------------------------------------------------------------------------------
@@ -55,14 +55,14 @@ def simulate(
     frames = np.zeros(cycles, frame_dtype(axes))
     memory = ffi.from_buffer("char[]", frames)
     stride = frames.dtype.itemsize
-    told: list[Chunk] = []
+    chunks: list[Chunk] = []
     with kernel.host() as host:
         at = 0
         for begin, action in _ordered(script, cycles):
-            at = _run(raw, trace, told, memory, stride, at, begin - 1, period)
+            at = _run(raw, trace, chunks, memory, stride, at, begin - 1, period)
             action(host)
-        _run(raw, trace, told, memory, stride, at, cycles, period)
-    whole = Chunk.joined(told, axes)
+        _run(raw, trace, chunks, memory, stride, at, cycles, period)
+    whole = Chunk.joined(chunks, axes)
     found = Chunk(frames, np.zeros(cycles, np.uint64), whole.commands, whole.records, whole.events)
     return Recording(trace.description, lambda: iter((found,)))
 
@@ -87,7 +87,7 @@ def _ordered(script: Any, cycles: int) -> Iterable[tuple[int, Action]]:
 def _run(
     raw: Any,
     trace: Trace,
-    told: list[Chunk],
+    chunks: list[Chunk],
     memory: Any,
     stride: int,
     at: int,
@@ -98,7 +98,7 @@ def _run(
         n = min(_BATCH, end - at)
         lib.sj_virtual_run(raw, n, at * period, period, memory + at * stride)
         at += n
-        told += trace.messages()
+        chunks += trace.messages()
     return at
 
 

@@ -86,9 +86,9 @@ def chunk_of(tables: Tables, axes: int) -> Chunk:
     for name in (FRAMES, "events", "commands", "records"):
         if "cycle" not in tables.get(name, {}):
             raise InputError("column", f"{name}.cycle", "is missing")
-    frames, told = tables[FRAMES], tables["events"]
-    n, k = len(frames["cycle"]), len(told["cycle"])
-    events = _from_columns(told, event_dtype(), k) if k else np.empty(0, event_dtype())
+    frames, event_columns = tables[FRAMES], tables["events"]
+    n, k = len(frames["cycle"]), len(event_columns["cycle"])
+    events = _from_columns(event_columns, event_dtype(), k) if k else np.empty(0, event_dtype())
     strange = set(events["kind"].tolist()) - set(EventKind)
     if strange:
         raise InputError("events.kind", min(strange), "is no kind of event")
