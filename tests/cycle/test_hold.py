@@ -225,14 +225,12 @@ def test_a_held_move_stays_on_its_way_and_ends_on_its_goal(
     steps = np.diff(places) * (np.abs(slope) / scale).max(axis=1)
     assert steps.min() >= -1e-9
     assert position[-1].tolist() == list(case.goal) == reference[-1].tolist()
-    back = (
-        int(np.max(np.flatnonzero(bench.feed_hold), initial=-1)) + 2
-    )  # where its own samples begin
+    # where its own samples begin
+    back = int(np.max(np.flatnonzero(bench.feed_hold), initial=-1)) + 2
     end = int(np.flatnonzero((position != position[-1]).any(axis=1))[-1]) + 2
     own = max(end - back, 0)
-    if any(
-        bench.feed_hold
-    ):  # else one axis alone was left to move, or a straight line: by plans anew
+    # else one axis alone was left to move, or a straight line: by plans anew
+    if any(bench.feed_hold):
         assert np.array_equal(table[end - own : end], whole[len(whole) - own :])
 
 
