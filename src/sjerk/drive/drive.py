@@ -40,8 +40,8 @@ class DriveFeedback(NamedTuple):
     Positions in pu, velocities in pu/s, torques in 0.1 % of the rated torque, currents in 0.1 % of
     the rated current; ``position_internal`` and ``demand_internal`` in encoder increments.
 
-    >>> Drive().cycle(0x0006).state.name
-    'READY_TO_SWITCH_ON'
+    >>> Drive().enable().state.name
+    'OPERATION_ENABLED'
     """
 
     statusword: StatusWord
