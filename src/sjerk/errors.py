@@ -5,10 +5,8 @@ Never here: decisions about motion.
 
 from __future__ import annotations
 
-import importlib
 import math
 from numbers import Real
-from typing import Any
 
 
 class SjerkError(Exception):
@@ -32,20 +30,6 @@ class ExtraMissingError(SjerkError, ImportError):
         super().__init__(f"module {module!r} is not installed: the extra is sjerk[{extra}]")
         self.module = module
         self.extra = extra
-
-
-def load_extra(module: str, extra: str) -> Any:
-    """Import ``module``, which comes with ``sjerk[extra]``, when it is first needed.
-
-    Raises ExtraMissingError where it is not installed.
-
-    >>> load_extra("math", "demo").pi > 3.0
-    True
-    """
-    try:
-        return importlib.import_module(module)
-    except ImportError as missing:
-        raise ExtraMissingError(module.partition(".")[0], extra) from missing
 
 
 class InfeasibleError(SjerkError, ValueError):

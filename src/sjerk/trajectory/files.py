@@ -17,8 +17,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sjerk.errors import ExtraMissingError, InputError, load_extra
+from sjerk.errors import ExtraMissingError, InputError
+from sjerk.extras import load
 from sjerk.profile import FloatArray
+from sjerk.trajectory.columns import Columns, columns_of, seconds
 from sjerk.trajectory.faults import (
     Fault,
     FaultKind,
@@ -32,16 +34,6 @@ CSV_HEADER = ["time_s", "position_deg"]
 
 
 # ---- trajectories --------------------------------------------------------------------------------
-
-
-class Columns(NamedTuple):
-    """What a file of a trajectory holds: times (n,), and rows (n, N) in the joints' own units."""
-
-    joint_names: Sequence[str]
-    time: FloatArray
-    position: FloatArray
-    velocity: FloatArray | None
-    acceleration: FloatArray | None
 
 
 def read_table(path: Path) -> Columns:
@@ -100,24 +92,10 @@ def read_bag(path: Path) -> Columns:
     if not path.exists():
         raise RecordingError(path, "no such file")
     names, points = _points(path)
-    width = len(names)
-    faults = []
-    for i, point in enumerate(points):
-        for kind in ("positions", "velocities", "accelerations"):
-            size = len(getattr(point, kind))
-            if size != width and (size or kind == "positions"):
-                why = f"{size} {kind} for {width} joints"
-                faults.append(Fault(FaultKind.SIZE, why, i))
-    if faults:
-        raise TrajectoryError(faults)
     time = np.array([point.time for point in points])
     if points and points[0].stamped:
         time -= time[0]
-    rows = [np.array([p.positions for p in points], dtype=np.float64).reshape(-1, width)]
-    for kind in ("velocities", "accelerations"):
-        values = [getattr(p, kind) for p in points]
-        rows.append(np.array(values) if points and all(map(len, values)) else None)  # type: ignore[arg-type]
-    return Columns(names, time, *rows)
+    return columns_of(names, time, points)
 
 
 # ---- recordings ----------------------------------------------------------------------------------
@@ -218,8 +196,8 @@ class _Point(NamedTuple):
 def _messages(path: Path) -> Iterator[tuple[list[str], list[_Point]]]:
     """Joint names and points of each message; a JointTrajectory is a whole motion and the last."""
     try:
-        highlevel = load_extra("rosbags.highlevel", "demo")
-        typesys = load_extra("rosbags.typesys", "demo")
+        highlevel = load("rosbags.highlevel", extra="demo")
+        typesys = load("rosbags.typesys", extra="demo")
     except ExtraMissingError as missing:
         raise RecordingError(
             path, "reading a bag needs rosbags (pip install 'sjerk[demo]'); a CSV does not"
@@ -233,7 +211,7 @@ def _messages(path: Path) -> Iterator[tuple[list[str], list[_Point]]]:
                     message: Any = bag.deserialize(raw, kind)
                     points = [
                         _Point(
-                            p.time_from_start.sec + p.time_from_start.nanosec * 1e-9,
+                            seconds(p.time_from_start),
                             False,
                             p.positions,
                             p.velocities,
