@@ -13,6 +13,7 @@ import sys
 from sjerk.cli import (
     clean,
     demo,
+    drive,
     follow,
     jog,
     kernel,
@@ -33,7 +34,6 @@ from sjerk.errors import (
     SegmentMissingError,
     SjerkError,
 )
-from sjerk.ports.canopen import node
 
 _EPILOG = (__doc__ or "").partition("\n\n")[2]
 
@@ -52,6 +52,7 @@ _VERBS = (
     plot,
     simulate,
     follow,
+    drive,
     clean,
 )
 
@@ -62,9 +63,6 @@ def arguments() -> argparse.ArgumentParser:
     jobs = parser.add_subparsers(dest="job", required=True)
     for verb in _VERBS:
         verb.add_arguments(jobs)
-    job = jobs.add_parser("drive", help="be a simulated CiA 402 drive on a CANopen bus")
-    node.add_arguments(job)
-    job.set_defaults(run=node.run)
     return parser
 
 

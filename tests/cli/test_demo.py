@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from sjerk.cli.demo import LIMITS, dips
-from sjerk.trajectory import Recording, RecordingError, read_recording, shipped_recording
+from sjerk.trajectory import RecordedPath, RecordedPathError, read_recording, shipped_recording
 
 CSV = shipped_recording().with_name("panda_joint1.csv")
 
@@ -75,17 +75,17 @@ def test_bad_tables_are_refused_with_the_point(text: str, message: str, tmp_path
     """Which file, which point, what is wrong."""
     path = tmp_path / "bad.csv"
     path.write_text(text)
-    with pytest.raises(RecordingError, match=message):
+    with pytest.raises(RecordedPathError, match=message):
         read_recording(path)
 
 
 def test_bad_bags_are_refused(tmp_path: Path) -> None:
     """No file, no bag: one clear error."""
-    with pytest.raises(RecordingError, match="no such file"):
+    with pytest.raises(RecordedPathError, match="no such file"):
         read_recording(tmp_path / "none.mcap")
     garbage = tmp_path / "garbage.mcap"
     garbage.write_bytes(b"no bag at all" * 100)
-    with pytest.raises(RecordingError, match="no readable bag"):
+    with pytest.raises(RecordedPathError, match="no readable bag"):
         read_recording(garbage)
 
 
@@ -151,6 +151,6 @@ def test_dips_are_counted() -> None:
 
 def test_a_recording_is_plain_data() -> None:
     """Frozen."""
-    recording = Recording("a", np.zeros(2), np.zeros(2))
+    recording = RecordedPath("a", np.zeros(2), np.zeros(2))
     with pytest.raises(AttributeError):
         recording.joint = "b"  # type: ignore[misc]

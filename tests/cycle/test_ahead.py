@@ -1,4 +1,4 @@
-"""The look-ahead ring and its dispatcher: what is taken, answered, dropped, spoilt."""
+"""The look-ahead ring and its dispatcher: what is taken, answered, dropped, corrupt."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def test_every_record_gets_one_answer_in_order_a_few_per_cycle() -> None:
     for _ in range(30):
         kernel.step()
         now = answers(host)
-        assert len(now) <= lib.SJ_AHEAD_TAKES
+        assert len(now) <= lib.SJ_LOOKAHEAD_TAKES
         told += now
     assert told == [(n, lib.SJ_RESULT_KIND) for n in ids]
 
@@ -88,7 +88,7 @@ def test_a_newer_goal_drops_what_was_given_before_it() -> None:
     ]
 
 
-def test_a_spoilt_ring_is_told_once_halts_and_is_emptied_by_a_reset() -> None:
+def test_a_corrupt_ring_is_reported_once_halts_and_is_emptied_by_a_reset() -> None:
     """A wild writer in a record: event, reaction, no further record until the host has acted."""
     kernel, host = stepped()
     move = host.move([60.0, 60.0])

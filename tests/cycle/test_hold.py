@@ -72,7 +72,7 @@ class Bench:
         frame = self.host.link.frame()
         axes = [frame.axis[i] for i in range(frame.axes)]
         self.rows.append([(a.position, a.velocity, a.acceleration, a.jerk) for a in axes])
-        self.paced.append(int(frame.paced))
+        self.paced.append(int(frame.feed_hold))
 
     def step(self, cycles: int) -> None:
         for _ in range(cycles):

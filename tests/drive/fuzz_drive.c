@@ -138,7 +138,7 @@ int main(int count, char **arguments)
         promise(LEGAL[before][drive.state], "no such transition", k);
         promise((tx.statusword & 0x6F) == sj_drive_state_bits(drive.state), "statusword", k);
         promise(isfinite(drive.servo.velocity_rad_s) && isfinite(drive.servo.torque_nm) &&
-                    isfinite(drive.servo.integral_nm) && isfinite(drive.demand_velocity) &&
+                    isfinite(drive.servo.integral_nm) && isfinite(drive.demand.velocity) &&
                     isfinite(drive.verdict.jerk_max_rev_s3),
                 "not finite", k);
         promise(drive.servo.fraction >= 0.0 && drive.servo.fraction <= 1.0, "encoder fraction", k);

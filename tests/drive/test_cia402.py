@@ -12,32 +12,32 @@ from sjerk.cia402 import (
     Drive,
     DriveConfig,
     DriveConfigError,
-    Fault,
+    DriveFault,
+    DriveState,
     Mode,
-    State,
     StatusWord,
 )
 
 
-def walk(drive: Drive, *words: int, target: int = 0) -> list[State]:
+def walk(drive: Drive, *words: int, target: int = 0) -> list[DriveState]:
     return [drive.cycle(word, target).state for word in words]
 
 
 def test_power_up_ends_in_switch_on_disabled() -> None:
     """Transitions 0 and 1 need no command."""
     drive = Drive()
-    assert drive.state is State.NOT_READY_TO_SWITCH_ON
-    assert walk(drive, 0) == [State.SWITCH_ON_DISABLED]
+    assert drive.state is DriveState.NOT_READY_TO_SWITCH_ON
+    assert walk(drive, 0) == [DriveState.SWITCH_ON_DISABLED]
 
 
 def test_a_master_walks_to_operation_enabled_step_by_step() -> None:
     """0006, 0007, 000F run transitions 2, 3, 4, each visible for a period."""
     drive = Drive()
     assert walk(drive, 0, 0x06, 0x07, 0x0F) == [
-        State.SWITCH_ON_DISABLED,
-        State.READY_TO_SWITCH_ON,
-        State.SWITCHED_ON,
-        State.OPERATION_ENABLED,
+        DriveState.SWITCH_ON_DISABLED,
+        DriveState.READY_TO_SWITCH_ON,
+        DriveState.SWITCHED_ON,
+        DriveState.OPERATION_ENABLED,
     ]
 
 
@@ -45,24 +45,24 @@ def test_transitions_3_and_4_run_in_one_word() -> None:
     """000F in Ready to switch on enables at once."""
     drive = Drive()
     walk(drive, 0, 0x06)
-    assert walk(drive, 0x0F) == [State.OPERATION_ENABLED]
+    assert walk(drive, 0x0F) == [DriveState.OPERATION_ENABLED]
     assert drive.transitions == (3, 4)
 
 
 @pytest.mark.parametrize(
     ("words", "expected", "transition"),
     [
-        ((0x06, 0x0F, 0x07), State.SWITCHED_ON, 5),
-        ((0x06, 0x07, 0x06), State.READY_TO_SWITCH_ON, 6),
-        ((0x06, 0x00), State.SWITCH_ON_DISABLED, 7),
-        ((0x06, 0x02), State.SWITCH_ON_DISABLED, 7),
-        ((0x06, 0x0F, 0x06), State.READY_TO_SWITCH_ON, 8),
-        ((0x06, 0x0F, 0x00), State.SWITCH_ON_DISABLED, 9),
-        ((0x06, 0x07, 0x00), State.SWITCH_ON_DISABLED, 10),
-        ((0x06, 0x07, 0x02), State.SWITCH_ON_DISABLED, 10),
+        ((0x06, 0x0F, 0x07), DriveState.SWITCHED_ON, 5),
+        ((0x06, 0x07, 0x06), DriveState.READY_TO_SWITCH_ON, 6),
+        ((0x06, 0x00), DriveState.SWITCH_ON_DISABLED, 7),
+        ((0x06, 0x02), DriveState.SWITCH_ON_DISABLED, 7),
+        ((0x06, 0x0F, 0x06), DriveState.READY_TO_SWITCH_ON, 8),
+        ((0x06, 0x0F, 0x00), DriveState.SWITCH_ON_DISABLED, 9),
+        ((0x06, 0x07, 0x00), DriveState.SWITCH_ON_DISABLED, 10),
+        ((0x06, 0x07, 0x02), DriveState.SWITCH_ON_DISABLED, 10),
     ],
 )
-def test_ways_back(words: tuple[int, ...], expected: State, transition: int) -> None:
+def test_ways_back(words: tuple[int, ...], expected: DriveState, transition: int) -> None:
     """Each way back to less power has its transition."""
     drive = Drive()
     assert walk(drive, 0, *words)[-1] is expected
@@ -91,13 +91,13 @@ def test_a_fault_is_reset_by_the_rising_edge_once_its_cause_is_gone() -> None:
     """13, 14, then 15 on an edge of bit 7 only, and not while the cause is there."""
     drive = Drive()
     drive.enable()
-    drive.inject(Fault.OVER_VOLTAGE)
-    assert walk(drive, 0x0F) == [State.FAULT_REACTION_ACTIVE]
+    drive.inject(DriveFault.OVER_VOLTAGE)
+    assert walk(drive, 0x0F) == [DriveState.FAULT_REACTION_ACTIVE]
     assert drive.cycle(0x0F).error_code == 0x3210
-    assert walk(drive, 0x8F, 0x8F) == [State.FAULT, State.FAULT]
-    drive.inject(Fault.OVER_VOLTAGE, False)
-    assert walk(drive, 0x8F, 0x0F) == [State.FAULT, State.FAULT]
-    assert walk(drive, 0x8F) == [State.SWITCH_ON_DISABLED]
+    assert walk(drive, 0x8F, 0x8F) == [DriveState.FAULT, DriveState.FAULT]
+    drive.inject(DriveFault.OVER_VOLTAGE, False)
+    assert walk(drive, 0x8F, 0x0F) == [DriveState.FAULT, DriveState.FAULT]
+    assert walk(drive, 0x8F) == [DriveState.SWITCH_ON_DISABLED]
     assert drive.cycle(0).error_code == 0
 
 
@@ -113,7 +113,7 @@ def test_enabling_takes_the_actual_position_as_demand() -> None:
     walk(drive, 6, 7, target=0)
     assert drive.cycle(0xF, 0).statusword & StatusWord.FOLLOWS == 0
     feedback = drive.cycle(0xF, 0)
-    assert feedback.error_code == Fault.REFERENCE_LIMIT.code
+    assert feedback.error_code == DriveFault.REFERENCE_LIMIT.code
     assert abs(feedback.position_actual - target) < 2000
 
 
@@ -123,7 +123,7 @@ def test_targets_wrap_as_int32(start: int, rate: int) -> None:
     """A steady stream across the end of INT32 is followed like any other."""
     drive = Drive(DriveConfig(range_min=-(2**31), range_max=2**31 - 1))
     drive.enable()
-    point = ffi.addressof(drive._c, "actual")
+    point = ffi.addressof(drive.c_drive, "actual")
     point.units = start  # a drive that has been turning for long
     drive.cycle(0)
     feedback = drive.enable()

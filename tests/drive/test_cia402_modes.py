@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from sjerk.cia402 import Drive, DriveConfig, Feedback, Mode, State, StatusWord
+from sjerk.cia402 import Drive, DriveConfig, DriveFeedback, DriveState, Mode, StatusWord
 
 REV = 16777216
 ATTAINED, REACHED, ERROR = (
@@ -14,7 +14,7 @@ ATTAINED, REACHED, ERROR = (
 )
 
 
-def home(drive: Drive, seconds: float = 20.0) -> list[Feedback]:
+def home(drive: Drive, seconds: float = 20.0) -> list[DriveFeedback]:
     """Start homing and run until bits 10 and 12, or 13 and 10; all feedback."""
     drive.enable(mode=Mode.HOMING)
     seen = []
@@ -141,7 +141,7 @@ def test_modes_change_while_running_without_a_bump(first: Mode, second: Mode) ->
     drive.enable(mode=Mode.CSP)
     target = 0.0
 
-    def step(mode: Mode, speed: float, position: int | None = None) -> Feedback:
+    def step(mode: Mode, speed: float, position: int | None = None) -> DriveFeedback:
         nonlocal target
         target += speed * REV * 1e-3
         return drive.cycle(
@@ -168,7 +168,7 @@ def test_modes_change_while_running_without_a_bump(first: Mode, second: Mode) ->
         assert feedback.mode_display == second
         torques.append(feedback.torque_actual)
         velocities.append(feedback.velocity_actual)
-    assert feedback.state is State.OPERATION_ENABLED
+    assert feedback.state is DriveState.OPERATION_ENABLED
     assert feedback.error_code == 0
     assert max(abs(t - before.torque_actual) for t in torques) < 150
     assert max(abs(v - before.velocity_actual) for v in velocities) < 0.2 * 5 * REV

@@ -9,7 +9,7 @@ from __future__ import annotations
 from itertools import product
 
 from sjerk._binding import ffi, lib
-from sjerk.cia402 import Situation, State, next_state
+from sjerk.cia402 import DriveState, Situation, next_state
 
 NRTSO, SOD, RTSO, SO, OE, QSA, FRA, FAULT = range(8)
 
@@ -79,7 +79,7 @@ def oracle(state: int, case: Situation) -> tuple[int, tuple[int, ...]]:
 
 def test_every_case_of_the_state_machine_is_the_oracles() -> None:
     """0 differences between the oracle, the C and the table in Python."""
-    numbers = {state.number: state for state in State}
+    numbers = {state.number: state for state in DriveState}
     c_case = ffi.new("sj_drive_input *")
     ran = ffi.new("uint32_t *")
     step = lib.sj_drive_next
@@ -127,7 +127,7 @@ def test_other_bits_of_the_controlword_change_no_state() -> None:
 
 def test_each_state_shows_its_pattern() -> None:
     """The statusword bits of a state in C are the pattern of the table."""
-    for state in State:
+    for state in DriveState:
         number, mask, pattern = state.value
         assert lib.sj_drive_state_bits(number) & mask == pattern
-        assert State.of(lib.sj_drive_state_bits(number)) is state
+        assert DriveState.of(lib.sj_drive_state_bits(number)) is state

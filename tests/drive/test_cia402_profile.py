@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import pytest
 
-from sjerk.cia402 import Drive, DriveConfig, Feedback, Mode, StatusWord
+from sjerk.cia402 import Drive, DriveConfig, DriveFeedback, Mode, StatusWord
 
 REV = 16777216
 ACK, REACHED, LIMIT = StatusWord.FOLLOWS, StatusWord.TARGET_REACHED, StatusWord.INTERNAL_LIMIT
@@ -27,7 +27,7 @@ class Positioner:
         self.feedback = self.drive.enable(mode=PP)
         self.demands: list[int] = []
 
-    def step(self, bits: int = 0, target: int = 0) -> Feedback:
+    def step(self, bits: int = 0, target: int = 0) -> DriveFeedback:
         self.feedback = self.drive.cycle(0xF | bits, target, mode=PP)
         self.demands.append(self.feedback.demand_internal)
         return self.feedback

@@ -4,7 +4,15 @@ from __future__ import annotations
 
 import pytest
 
-from sjerk.cia402 import Drive, DriveConfig, DriveConfigError, Fault, Feedback, State, StatusWord
+from sjerk.cia402 import (
+    Drive,
+    DriveConfig,
+    DriveConfigError,
+    DriveFault,
+    DriveFeedback,
+    DriveState,
+    StatusWord,
+)
 
 REV = 16777216
 FOLLOWS, LIMIT = StatusWord.FOLLOWS, StatusWord.INTERNAL_LIMIT
@@ -20,7 +28,7 @@ class Runner:
         self.speed = speed
         self.word = 0xF
 
-    def run(self, periods: int, **words: object) -> Feedback:
+    def run(self, periods: int, **words: object) -> DriveFeedback:
         for _ in range(periods):
             self.target += self.speed * REV * self.drive.config.period_s
             self.feedback = self.drive.cycle(self.word, round(self.target), **words)  # type: ignore[arg-type]
@@ -35,7 +43,9 @@ class Runner:
         return self
 
 
-def stop_and_measure(runner: Runner, word: int, periods: int = 600) -> tuple[list[State], float]:
+def stop_and_measure(
+    runner: Runner, word: int, periods: int = 600
+) -> tuple[list[DriveState], float]:
     """States until the motor stands, and the deceleration of the demand in revolutions/s^2."""
     states, speeds = [], []
     runner.word = word
@@ -48,7 +58,7 @@ def stop_and_measure(runner: Runner, word: int, periods: int = 600) -> tuple[lis
     return states, (speeds[0] - speeds[1]) / runner.drive.config.period_s
 
 
-S = State
+S = DriveState
 TORQUE_LIMITED = 3.5 * 1.27 / (2 * 0.486e-4) / 6.283185307179586
 
 
@@ -66,7 +76,7 @@ TORQUE_LIMITED = 3.5 * 1.27 / (2 * 0.486e-4) / 6.283185307179586
         (8, TORQUE_LIMITED, [S.QUICK_STOP_ACTIVE]),
     ],
 )
-def test_quick_stop_by_605a(option: int, rate: float | None, states: list[State]) -> None:
+def test_quick_stop_by_605a(option: int, rate: float | None, states: list[DriveState]) -> None:
     """At speed: the ramp of the option, bit 12 = 0 throughout, and the state it ends in."""
     runner = Runner(quick_stop_option=option).accelerate()
     seen, deceleration = stop_and_measure(runner, 0x02)
@@ -124,20 +134,20 @@ def test_halt_by_605d(option: int, rate: float) -> None:
 
 
 CODES = {
-    Fault.OVER_CURRENT: (0x2310, "coast"),
-    Fault.EARTH: (0x2330, "coast"),
-    Fault.OVER_VOLTAGE: (0x3210, "coast"),
-    Fault.UNDER_VOLTAGE: (0x3220, "coast"),
-    Fault.OVER_TEMPERATURE: (0x4310, "ramp"),
-    Fault.ENCODER: (0x7305, "coast"),
-    Fault.SAFE_TORQUE_OFF: (0xFF80, "coast"),
-    Fault.BRAKE: (0x7110, "ramp"),
-    Fault.LOST_LINK: (0x8130, "ramp"),
+    DriveFault.OVER_CURRENT: (0x2310, "coast"),
+    DriveFault.EARTH: (0x2330, "coast"),
+    DriveFault.OVER_VOLTAGE: (0x3210, "coast"),
+    DriveFault.UNDER_VOLTAGE: (0x3220, "coast"),
+    DriveFault.OVER_TEMPERATURE: (0x4310, "ramp"),
+    DriveFault.ENCODER: (0x7305, "coast"),
+    DriveFault.SAFE_TORQUE_OFF: (0xFF80, "coast"),
+    DriveFault.BRAKE: (0x7110, "ramp"),
+    DriveFault.LOST_LINK: (0x8130, "ramp"),
 }
 
 
 @pytest.mark.parametrize("fault", CODES)
-def test_a_fault_by_name_has_its_code_and_its_reaction(fault: Fault) -> None:
+def test_a_fault_by_name_has_its_code_and_its_reaction(fault: DriveFault) -> None:
     """603Fh and 1001h tell it; the motor ramps down where it can still be controlled."""
     code, reaction = CODES[fault]
     runner = Runner().accelerate()
@@ -147,7 +157,7 @@ def test_a_fault_by_name_has_its_code_and_its_reaction(fault: Fault) -> None:
     assert feedback.error_code == code
     assert feedback.error_register & 1
     assert bool(feedback.statusword & StatusWord.VOLTAGE_ENABLED) is (
-        fault is not Fault.UNDER_VOLTAGE
+        fault is not DriveFault.UNDER_VOLTAGE
     )
     feedback = runner.run(5)
     assert (feedback.state is S.FAULT) is (reaction == "coast")
@@ -171,7 +181,7 @@ def test_a_fault_by_name_has_its_code_and_its_reaction(fault: Fault) -> None:
 def test_fault_reaction_by_605e(option: int, rate: float | None) -> None:
     """A fault that leaves the motor under control stops it as 605Eh says."""
     runner = Runner(fault_option=option).accelerate()
-    runner.drive.inject(Fault.OVER_TEMPERATURE)
+    runner.drive.inject(DriveFault.OVER_TEMPERATURE)
     states, deceleration = stop_and_measure(runner, 0xF)
     assert states == [S.FAULT_REACTION_ACTIVE, S.FAULT]
     if rate is not None:
@@ -181,7 +191,7 @@ def test_fault_reaction_by_605e(option: int, rate: float | None) -> None:
 def test_an_event_cannot_be_injected() -> None:
     """Following error and the like come from the motion."""
     with pytest.raises(ValueError, match="FOLLOWING_ERROR"):
-        Drive().inject(Fault.FOLLOWING_ERROR)
+        Drive().inject(DriveFault.FOLLOWING_ERROR)
 
 
 @pytest.mark.parametrize(
@@ -193,11 +203,11 @@ def test_an_event_cannot_be_injected() -> None:
         (3, [S.QUICK_STOP_ACTIVE, S.SWITCH_ON_DISABLED]),
     ],
 )
-def test_a_lost_link_acts_by_6007(option: int, states: list[State]) -> None:
+def test_a_lost_link_acts_by_6007(option: int, states: list[DriveState]) -> None:
     """0 nothing, 1 fault, 2 disable voltage, 3 quick stop."""
     runner = Runner(speed=0.0, abort_option=option)
-    runner.drive.inject(Fault.LOST_LINK)
-    seen: list[State] = []
+    runner.drive.inject(DriveFault.LOST_LINK)
+    seen: list[DriveState] = []
     for _ in range(10):
         state = runner.run(1).state
         if state not in seen:
@@ -208,12 +218,12 @@ def test_a_lost_link_acts_by_6007(option: int, states: list[State]) -> None:
 def test_safe_torque_off_keeps_a_disabled_drive_disabled_without_a_fault() -> None:
     """No power: transition 2 waits, 60FDh shows the interlock."""
     drive = Drive()
-    drive.inject(Fault.SAFE_TORQUE_OFF)
+    drive.inject(DriveFault.SAFE_TORQUE_OFF)
     for _ in range(3):
         feedback = drive.cycle(0x06)
     assert feedback.state is S.SWITCH_ON_DISABLED
     assert feedback.digital_inputs == 8
-    drive.inject(Fault.SAFE_TORQUE_OFF, False)
+    drive.inject(DriveFault.SAFE_TORQUE_OFF, False)
     assert drive.cycle(0x06).state is S.READY_TO_SWITCH_ON
 
 

@@ -17,10 +17,10 @@ import pytest
 
 from helpers.root import SOURCES, TESTS
 from sjerk._binding import ffi
-from sjerk.cia402 import TRANSITIONS, Drive, DriveConfig, State
+from sjerk.cia402 import TRANSITIONS, Drive, DriveConfig, DriveState
 from sjerk.drive.device import Device
 from sjerk.drive.objects import OBJECTS, Abort
-from sjerk.ports.canopen.node import Node
+from sjerk.ports.canopen import Node
 
 FRAMES = int(os.environ.get("SJERK_FUZZ_FRAMES", "30000"))
 CYCLES = int(os.environ.get("SJERK_FUZZ_CYCLES", "300000"))
@@ -28,8 +28,8 @@ SEED = int(os.environ.get("SJERK_FUZZ_SEED", "1"))
 NODE = 5
 
 LEGAL = {(row.source, row.target) for row in TRANSITIONS} | {
-    (State.READY_TO_SWITCH_ON, State.OPERATION_ENABLED),
-    (State.READY_TO_SWITCH_ON, State.FAULT_REACTION_ACTIVE),
+    (DriveState.READY_TO_SWITCH_ON, DriveState.OPERATION_ENABLED),
+    (DriveState.READY_TO_SWITCH_ON, DriveState.FAULT_REACTION_ACTIVE),
 }
 
 
@@ -53,10 +53,12 @@ def random_frame(draw: random.Random, device: Device) -> tuple[int, bytes, bool]
         request = bytes((first, index & 0xFF, index >> 8, sub)) + data.to_bytes(4, "little")
         return 0x600 + NODE, request[: 8 if draw.random() < 0.99 else draw.randrange(9)], False
     if kind < 0.60:  # a master that climbs
-        word = {State.SWITCH_ON_DISABLED: 6, State.READY_TO_SWITCH_ON: 7, State.FAULT: 0x80}.get(
-            device.feedback.state, 0xF
-        )
-        if device.feedback.state is State.FAULT and draw.random() < 0.5:
+        word = {
+            DriveState.SWITCH_ON_DISABLED: 6,
+            DriveState.READY_TO_SWITCH_ON: 7,
+            DriveState.FAULT: 0x80,
+        }.get(device.feedback.state, 0xF)
+        if device.feedback.state is DriveState.FAULT and draw.random() < 0.5:
             word = 0
         if draw.random() < 0.1:
             word = draw.getrandbits(16)
@@ -91,7 +93,7 @@ def test_random_frames_break_nothing() -> None:
     visited = set()
     aborts = {int(abort) for abort in Abort}
 
-    def watch(after: State) -> None:
+    def watch(after: DriveState) -> None:
         nonlocal state
         assert after is state or (state, after) in LEGAL or resets, (state, after)
         visited.add(after)
@@ -129,7 +131,7 @@ def test_random_frames_break_nothing() -> None:
             node = Node(device, lambda identifier, data: sent.append((identifier, data)), now=now)
             state = device.feedback.state
             node.announce(watch)
-    assert visited >= set(State) - {State.NOT_READY_TO_SWITCH_ON}
+    assert visited >= set(DriveState) - {DriveState.NOT_READY_TO_SWITCH_ON}
 
 
 def test_random_words_under_the_sanitizers(tmp_path: Path) -> None:

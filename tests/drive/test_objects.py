@@ -12,9 +12,10 @@ import pytest
 import sjerk.cia402
 import sjerk.drive.device
 import sjerk.drive.objects
-from sjerk.cia402 import Drive, DriveConfig, Finding, Mode, State
+from sjerk.cia402 import Drive, DriveConfig, DriveFault, DriveState, Finding, Mode
 from sjerk.drive.device import LOAD, SAVE, Device
-from sjerk.drive.objects import DISABLED, OBJECTS, Abort, SdoError, Type, eds, entry
+from sjerk.drive.eds import eds
+from sjerk.drive.objects import DISABLED, OBJECTS, Abort, SdoError, Type, entry
 
 
 def refused(device: Device, index: int, sub: int, data: bytes) -> Abort:
@@ -143,7 +144,7 @@ def test_scaling_objects_are_refused_while_enabled() -> None:
     for word in (0x06, 0x0F):
         device.write(0x6040, 0, word)
         device.cycle()
-    assert device.feedback.state is State.OPERATION_ENABLED
+    assert device.feedback.state is DriveState.OPERATION_ENABLED
     for index, sub in ((0x6091, 1), (0x6092, 1), (0x607E, 0), (0x607B, 1), (0x60C2, 1)):
         data = device.upload(index, sub)
         assert refused(device, index, sub, data) is Abort.DEVICE_STATE
@@ -273,9 +274,9 @@ def test_errors_are_remembered_newest_first() -> None:
     """1003h keeps eight; writing 0 to sub 0 clears."""
     device = Device()
     for fault in (3, 5):
-        device.drive.inject(sjerk.cia402.Fault(fault))
+        device.drive.inject(DriveFault(fault))
         device.cycle()
-        device.drive.inject(sjerk.cia402.Fault(fault), False)
+        device.drive.inject(DriveFault(fault), False)
         for word in (0, 0, 0x80, 0):
             device.write(0x6040, 0, word)
             device.cycle()

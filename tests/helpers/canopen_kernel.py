@@ -17,7 +17,7 @@ import can
 
 from helpers.root import program
 from sjerk import Axis, Limits, MotionKernel
-from sjerk.ports.canopen.master import Master, SdoClient
+from sjerk.ports.canopen import Master, SdoClient
 
 NODE, T = 5, 0.01
 COUNTS = 2**24 / 360.0

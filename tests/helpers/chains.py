@@ -105,7 +105,7 @@ class Watch:
     def look(self) -> bool:
         self.cycles.append(self.host.link.frame().cycle)
         self.rows.append(self.axes.copy())
-        bits = int(self.host.link.frame().paced)
+        bits = int(self.host.link.frame().feed_hold)
         self.paced.append(np.array([bits >> i & 1 for i in range(len(self.axes))], bool))
         self.events += self.host.events()[0]
         return bool(self.axes["moving"].any())

@@ -366,5 +366,5 @@ def lands(r: Requests, made: NDArray[Any], T: float) -> Array:
         start(ip, state)
         status = load(ip, plans + i, q1, v1 * T, 0)
         assert status == lib.SJ_LOAD_OK, (i, status, r.start[i], r.target[i], r.limits[i])
-        spread[i] = ip.spread_q.hi * ip.ahead
+        spread[i] = ip.spread_q.hi * ip.cycles_left
     return spread

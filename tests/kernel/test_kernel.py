@@ -30,7 +30,7 @@ from sjerk import (
     scurve,
 )
 from sjerk._binding import ffi, lib
-from sjerk.cia402 import ControlWord, State
+from sjerk.cia402 import ControlWord, DriveState
 from sjerk.host import MoveState
 from sjerk.kernel.trace import Trace
 
@@ -189,22 +189,22 @@ def test_without_a_process_waiting_is_refused_and_so_is_reading_too_early() -> N
         host.move(1.0).wait()
 
 
-@pytest.mark.parametrize("state", list(State))
-def test_the_controlword_leads_up_and_down_one_transition_at_a_time(state: State) -> None:
+@pytest.mark.parametrize("state", list(DriveState))
+def test_the_controlword_leads_up_and_down_one_transition_at_a_time(state: DriveState) -> None:
     """For every drive state: the word that enables, disables and resets, by CiA 402."""
     word = lib.sj_drive_state_bits(state.number)
     up = {
-        State.SWITCH_ON_DISABLED: 0x06,
-        State.READY_TO_SWITCH_ON: 0x07,
-        State.SWITCHED_ON: 0x0F,
-        State.OPERATION_ENABLED: 0x0F,
-        State.FAULT: 0x00,
-        State.FAULT_REACTION_ACTIVE: 0x00,
+        DriveState.SWITCH_ON_DISABLED: 0x06,
+        DriveState.READY_TO_SWITCH_ON: 0x07,
+        DriveState.SWITCHED_ON: 0x0F,
+        DriveState.OPERATION_ENABLED: 0x0F,
+        DriveState.FAULT: 0x00,
+        DriveState.FAULT_REACTION_ACTIVE: 0x00,
     }.get(state, 0x06)
     down = {
-        State.OPERATION_ENABLED: 0x07,
-        State.FAULT: 0x00,
-        State.FAULT_REACTION_ACTIVE: 0x00,
+        DriveState.OPERATION_ENABLED: 0x07,
+        DriveState.FAULT: 0x00,
+        DriveState.FAULT_REACTION_ACTIVE: 0x00,
     }.get(state, 0x06)
     assert lib.sj_master_controlword(word, 1, 0) == up
     assert lib.sj_master_controlword(word, 0, 0) == down
@@ -287,7 +287,7 @@ def test_host_and_kernel_in_two_processes() -> None:
             move.wait(timeout=30.0)
         assert stopped.value.positions == {0: at.position}
         host.disable()
-        assert host.feedback().axes[0].drive_state is not State.OPERATION_ENABLED
+        assert host.feedback().axes[0].drive_state is not DriveState.OPERATION_ENABLED
         with pytest.raises(RefusedError, match="does not follow"):
             host.move(1.0).wait(timeout=30.0)
         timing = host.feedback().timing
@@ -410,7 +410,7 @@ def test_a_dying_host_disturbs_nothing_but_the_motion_it_wanted_to_be_stopped() 
             host.move(0.0).wait(timeout=300.0)
 
 
-def test_a_spoilt_command_word_stops_the_motion_and_is_counted() -> None:
+def test_a_corrupt_command_word_stops_the_motion_and_is_counted() -> None:
     """A wild writer in the command word: every axis stops along its ramp, nothing else moves."""
     kernel, host = stepped()
     move = host.move(60.0)

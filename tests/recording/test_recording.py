@@ -143,6 +143,19 @@ def test_the_configuration_comes_back_whole(tmp_path: Path) -> None:
     assert found.cycle_time == 5e-4
 
 
+def test_a_file_in_former_words_is_read(tmp_path: Path) -> None:
+    """Reactions to corrupt commands were called ``spoilt`` in files."""
+    kernel = MotionKernel([AXIS], reactions=Reactions(corrupt="quick stop"))
+    with Recorder(kernel, tmp_path / "a.mcap"):
+        kernel.step(10)
+    recording = Recording.open(tmp_path / "a.mcap")
+    assert recording.reactions.corrupt == "quick stop"
+    former = recording.description["reactions"]
+    former["spoilt"] = former.pop("corrupt")
+    recording.save(tmp_path / "b.mcap")
+    assert Recording.open(tmp_path / "b.mcap").reactions == kernel.reactions
+
+
 def test_what_is_no_recording_is_refused_by_its_name(tmp_path: Path) -> None:
     """Another suffix, nothing there, other content, a Parquet file without its end."""
     for name, content in (

@@ -174,7 +174,7 @@ def _axis(
     own, stop = _per_cycle(axis.limits, T), _per_cycle(axis.stop_limits or axis.limits, T)
     ulp = np.spacing(np.abs(q)) + 1e-300
     # a path or a held move at another speed is judged by its positions: it has no jerk of its own
-    led = (rows["flags"] & (lib.SJ_TRACE_LED | lib.SJ_TRACE_PACED)) != 0
+    led = (rows["flags"] & (lib.SJ_TRACE_PATH | lib.SJ_TRACE_FEED_HOLD)) != 0
     free = joined & ~led
     free[1:] &= ~led[:-1]
 
@@ -248,7 +248,7 @@ def _allowed(
     begins = np.unique(np.concatenate([[0], begins]))
     ends = np.concatenate([begins[1:], [n]])
     halts = _halts(recording, i)
-    led = (rows["flags"] & lib.SJ_TRACE_LED) != 0
+    led = (rows["flags"] & lib.SJ_TRACE_PATH) != 0
     path_begins = np.maximum.accumulate(np.where(led & ~np.roll(led, 1), np.arange(n), 0))
     cycle = frames["head"]["cycle"].astype(np.int64)
     torn = np.diff(cycle, prepend=cycle[:1] - 1) != 1

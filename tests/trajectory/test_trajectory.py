@@ -14,7 +14,7 @@ from sjerk import InputError, Limits
 from sjerk.trajectory import (
     ExecutionMode,
     FaultKind,
-    RecordingError,
+    RecordedPathError,
     Trajectory,
     TrajectoryError,
     resample,
@@ -128,7 +128,7 @@ def test_bad_tables(
         Trajectory.from_csv(path)
     first = refused.value.faults[0]
     assert (first.kind.value, first.point, first.joint) == (kind, point, joint)
-    with pytest.raises(RecordingError, match="no such file"):
+    with pytest.raises(RecordedPathError, match="no such file"):
         Trajectory.from_csv(tmp_path / "none.csv")
 
 

@@ -35,7 +35,7 @@ COLUMNS: dict[str, tuple[str, ...]] = {
 def _modules() -> tuple[ModuleType, ...]:
     found = []
     for entry in pkgutil.walk_packages(sjerk.__path__, "sjerk."):
-        if entry.name.endswith("__main__"):
+        if entry.name.startswith(("sjerk.cli", "sjerk.ports", "sjerk.__main__")):
             continue
         try:
             found.append(importlib.import_module(entry.name))

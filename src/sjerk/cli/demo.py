@@ -28,8 +28,7 @@ from sjerk.host import Distribution, Host, Timing
 from sjerk.kernel import Axis, MotionKernel
 from sjerk.profile import FloatArray, Limits
 from sjerk.recording import Recorder, Recording
-from sjerk.trajectory import Recording as RecordedPath
-from sjerk.trajectory import read_recording, shipped_recording
+from sjerk.trajectory import RecordedPath, read_recording, shipped_recording
 
 COUNTS_PER_DEGREE = 2**24 / 360.0
 #: Panda joint 1 under the paper's velocity limit; half of each ramp is spent at jerk.

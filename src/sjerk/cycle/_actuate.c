@@ -9,9 +9,9 @@
 #include "cycle/_motion.h"
 #include "drive/_drive.h"
 
-static const double SETTLED = 1e-3; /* of the velocity limit: the motor rests */
+static const double SETTLED = 1e-3; /* of the velocity limit: the motor is at rest */
 
-/* Whether the motor still moves where the command rests already: without current it would coast.
+/* Whether the motor still moves where the command is at rest already: without current it would coast.
  * Still for 20 ms, so that a turning point is no rest; asked for a second at most. */
 static int32_t settling(const sj_kernel *kernel, sj_axis *ax, int32_t i)
 {

@@ -1,5 +1,5 @@
 /* What one axis can do: whether a goal is possible in its state and within its limits, which limits a
- * plan from its present state may have, where a plan leads.
+ * plan from its present state may have, where a plan goes.
  *
  * Pure functions of the axis. Never here: other axes, plans for goals, drives, memory, time.
  */
@@ -8,17 +8,17 @@
 #include "cycle/_axis.h"
 #include "cycle/_motion.h"
 
-/* ---- where a plan leads ---- */
+/* ---- where a plan goes ---- */
 
-static void widen(double way, double *low, double *high)
+static void widen(double distance, double *low, double *high)
 {
-    *low = fmin(*low, way);
-    *high = fmax(*high, way);
+    *low = fmin(*low, distance);
+    *high = fmax(*high, distance);
 }
 
 double sj_axis_distance(const sj_plan *plan, double v, double a, double *low, double *high)
 {
-    double way = 0.0;
+    double distance = 0.0;
     *low = *high = 0.0;
     for (int32_t i = 0; i < plan->count; i++) {
         double n = (double)plan->phase[i].cycles, j = plan->phase[i].jerk;
@@ -29,14 +29,15 @@ double sj_axis_distance(const sj_plan *plan, double v, double a, double *low, do
             turn[1] = q != 0.0 ? 2.0 * v / q : -1.0;
             for (int k = 0; k < 2; k++)
                 if (turn[k] > 0.0 && turn[k] < n)
-                    widen(way + turn[k] * (v + turn[k] * (a / 2.0 + turn[k] * j / 6.0)), low, high);
+                    widen(distance + turn[k] * (v + turn[k] * (a / 2.0 + turn[k] * j / 6.0)), low,
+                          high);
         }
-        way += n * (v + n * (a / 2.0 + n * j / 6.0));
+        distance += n * (v + n * (a / 2.0 + n * j / 6.0));
         v += n * (a + n * j / 2.0);
         a += n * j;
-        widen(way, low, high);
+        widen(distance, low, high);
     }
-    return way;
+    return distance;
 }
 
 int32_t sj_axis_inside(const sj_axis *ax, const sj_axis_goal *goal, const sj_limits *limits,
@@ -64,7 +65,7 @@ int32_t sj_axis_inside(const sj_axis *ax, const sj_axis_goal *goal, const sj_lim
            at.P.hi + high <= fmax(config->position_max, at.P.hi) + slack;
 }
 
-/* ---- limits that are lowered on the way ---- */
+/* ---- limits that are lowered in motion ---- */
 
 static void raise(double *limit, double least)
 {
@@ -92,7 +93,7 @@ void sj_axis_ceiling(sj_axis *ax)
         raise_all(&ax->ceiling, &ax->goal.limits);
 }
 
-/* Whichever way the next plan leads: its two jerks and accelerations change places with it. */
+/* Whichever direction the next plan has: its two jerks and accelerations change places with it. */
 static int32_t keeps(const continuous *at, const sj_limits *limits, double velocity)
 {
     const sj_limits *l = limits;
@@ -155,7 +156,7 @@ int32_t sj_axis_possible(const sj_axis *ax, const sj_axis_goal *goal)
     const sj_axis_config *config = &ax->config;
     if (!within(&goal->limits, &config->limits))
         return SJ_RESULT_LIMITS;
-    /* beyond 2^52 increments a double no longer tells two of them apart */
+    /* beyond 2^52 increments two of them are one double */
     if (!(fabs(goal->goal * config->counts_per_unit) < 4503599627370496.0))
         return SJ_RESULT_RANGE;
     if (!(fabs(goal->goal_velocity) <= goal->limits.velocity))

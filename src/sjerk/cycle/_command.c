@@ -60,7 +60,7 @@ static int32_t take_axes(sj_kernel *kernel)
         ax->resets = out->resets = in->resets;
         ax->limit_sets = out->limit_sets = in->limit_sets;
     }
-    kernel->ahead.stop = kernel->command.stop_records;
+    kernel->lookahead.stop = kernel->command.stop_records;
     sj_lookahead_stop(kernel, halts | quick_stops | disabled);
     sj_react_stop_homing(kernel, halts | quick_stops);
     sj_react_halt(kernel, halts & ~quick_stops);
@@ -129,8 +129,8 @@ void sj_command_take(sj_kernel *kernel)
 
     if (fresh < 0) {
         kernel->feedback.corrupt++;
-        sj_events_report(kernel, SJ_EVENT_SPOILT, -1, fresh, 0.0);
-        sj_react(kernel, SJ_CAUSE_SPOILT, all_axes(kernel));
+        sj_events_report(kernel, SJ_EVENT_CORRUPT, -1, fresh, 0.0);
+        sj_react(kernel, SJ_CAUSE_CORRUPT, all_axes(kernel));
     } else if (fresh == 1) {
         memcpy(command, &kernel->incoming, sj_command_bytes(kernel->axes));
         stopped |= take_axes(kernel);

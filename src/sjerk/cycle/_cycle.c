@@ -21,12 +21,12 @@
 static void look_ahead(sj_kernel *kernel)
 {
     if (sj_lookahead_take(kernel))
-        sj_react(kernel, SJ_CAUSE_SPOILT, all_axes(kernel));
+        sj_react(kernel, SJ_CAUSE_CORRUPT, all_axes(kernel));
     sj_lookahead_offer(kernel);
 }
 
-/* The axes that a path or a hold leads; what has lost it halts. */
-static void lead(sj_kernel *kernel)
+/* The axes that a path or a feed hold drives; those that have lost it halt. */
+static void follow_paths(sj_kernel *kernel)
 {
     sj_react_halt(kernel, sj_path_watch(kernel));
     sj_react_halt(kernel, sj_path_step(kernel));
@@ -38,8 +38,8 @@ static void interpolate(sj_kernel *kernel)
 {
     for (int32_t i = 0; i < kernel->axes; i++) {
         sj_axis *ax = &kernel->axis[i];
-        if (ax->following && ((kernel->path.led | kernel->paced.axes) >> i & 1) == 0) {
-            int32_t ahead = ax->interpolator.ahead > 0;
+        if (ax->following && ((kernel->path.axes | kernel->feed_hold.axes) >> i & 1) == 0) {
+            int32_t ahead = ax->interpolator.cycles_left > 0;
             sj_interpolator_step(&ax->interpolator);
             if (ahead)
                 sj_goal_reached(kernel, i);
@@ -55,7 +55,7 @@ void sj_kernel_cycle(sj_kernel *kernel, uint64_t now_ns)
     sj_observe_rest(kernel, now_ns);
     sj_command_take(kernel);
     look_ahead(kernel);
-    lead(kernel);
+    follow_paths(kernel);
     interpolate(kernel);
     sj_actuate(kernel);
     sj_publish_keep(kernel);

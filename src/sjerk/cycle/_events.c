@@ -1,4 +1,4 @@
-/* Events: what the kernel reports beside its frames, each once and with the cycle it belongs to.
+/* Events: what the kernel reports besides its frames, each once and with the cycle it belongs to.
  *
  * The states of an axis change here, since every change is an event. Never here: decisions about
  * motion, time.

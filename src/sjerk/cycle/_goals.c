@@ -63,7 +63,7 @@ int32_t sj_goal_plan(sj_kernel *kernel, sj_goal_set *set, int32_t line)
         limits[m] = sj_axis_kept(ax, &at, &limits[m]);
         v = clamp(set->goal[i].goal_velocity, limits[m].velocity);
         request[m] = (sj_request){lemma_distance(&at, set->goal[i].goal, v), at.V.hi, at.A.hi, v};
-        set->way[i] = request[m].distance;
+        set->distance[i] = request[m].distance;
         together[m] = set->axes[i];
         of[m++] = i;
     }
@@ -106,9 +106,9 @@ static void take_over(sj_kernel *kernel, const sj_goal_set *set)
         } else {
             interpolator_copy(&ax->interpolator, &kernel->trial[i]);
             ax->line = set->planned == SJ_SYNC_PHASE && set->goal[i].kind == SJ_GOAL_ABSOLUTE
-                           ? set->way[i] : 0.0;
+                           ? set->distance[i] : 0.0;
         }
-        ax->parked = 0;
+        ax->held = 0;
     }
 }
 
@@ -122,10 +122,10 @@ static void take_over_held(sj_kernel *kernel, uint64_t axes)
             continue;
         ax->start = ax->interpolator.q.hi;
         ax->line = 0.0;
-        ax->parked = ax->goal.kind != SJ_GOAL_HOME;
+        ax->held = ax->goal.kind != SJ_GOAL_HOME;
         ax->homing = ax->goal.kind == SJ_GOAL_HOME;
         sj_axis_ceiling(ax);
-        set |= ax->parked ? axis_bit(i) : 0;
+        set |= ax->held ? axis_bit(i) : 0;
     }
     for (int32_t i = 0; i < kernel->axes; i++) {
         int32_t group[SJ_AXES], n;
@@ -164,7 +164,7 @@ int32_t sj_goal_begin(sj_kernel *kernel, sj_goal_set *set)
         ax->goal = set->goal[i];
         ax->synchronization = set->synchronization;
         ax->least_cycles = set->least_cycles;
-        ax->reached = ax->onward = 0;
+        ax->reached = ax->blends = 0;
         sj_events_trigger(kernel, set->axes[i], sj_axis_trigger_of(&set->goal[i]));
         out->peak_velocity = out->peak_acceleration = out->peak_jerk = 0.0;
     }
@@ -187,13 +187,13 @@ static void report_reached(sj_kernel *kernel, const sj_axis *ax)
 void sj_goal_reached(sj_kernel *kernel, int32_t axis)
 {
     sj_axis *ax = &kernel->axis[axis];
-    if (ax->parked || ax->goal.kind != SJ_GOAL_ABSOLUTE || ax->interpolator.ahead > 0)
+    if (ax->held || ax->goal.kind != SJ_GOAL_ABSOLUTE || ax->interpolator.cycles_left > 0)
         return;
     if (!ax->reached) {
         ax->reached = 1;
         report_reached(kernel, ax);
     }
-    if (ax->interpolator.v.hi == 0.0 || ax->onward)
+    if (ax->interpolator.v.hi == 0.0 || ax->blends)
         return;
     ax->goal.kind = SJ_GOAL_JOG; /* with the velocity it arrived with */
     if (isfinite(ax->config.position_min) || isfinite(ax->config.position_max)) {

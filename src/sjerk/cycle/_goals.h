@@ -13,11 +13,11 @@ typedef struct {
     int32_t refused;                    /* axis, or -1 */
     int32_t axes[SJ_AXES];
     sj_axis_goal goal[SJ_AXES];         /* of axes[i] */
-    double way[SJ_AXES];                /* distance that was planned for axes[i] */
+    double distance[SJ_AXES];           /* planned for axes[i] */
 } sj_goal_set;
 
-/* Plans into kernel->plan and trial, nothing else: enum sj_result. line: the axes are on their way
- * along a straight line to the same goals. */
+/* Plans into kernel->plan and trial, nothing else: enum sj_result. line: the axes are
+ * moving along a straight line to the same goals. */
 int32_t sj_goal_plan(sj_kernel *kernel, sj_goal_set *set, int32_t line);
 /* Plans and takes over a goal that was judged, for all its axes or for none: enum sj_result. While
  * motions are held it is taken over, and planned when the hold ends. */

@@ -3,10 +3,10 @@
 #include <stdint.h>
 #include "cycle/_state.h"
 
-void sj_lookahead_start(sj_ahead *ahead);
+void sj_lookahead_start(sj_lookahead *lookahead);
 /* Before all else in a cycle: how far the ring goes. */
 void sj_lookahead_see(sj_kernel *kernel);
-/* After the command: a few records. 1: the ring has just been found spoilt, and the caller reacts. */
+/* After the command: a few records. 1: the ring has just been found corrupt, and the caller reacts. */
 int32_t sj_lookahead_take(sj_kernel *kernel);
 /* Then each record whose turn it is to its room. */
 void sj_lookahead_offer(sj_kernel *kernel);

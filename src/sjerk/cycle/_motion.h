@@ -20,7 +20,7 @@ static inline uint64_t all_axes(const sj_kernel *kernel)
 
 static inline int32_t axis_moving(const sj_axis *ax)
 {
-    return ax->interpolator.ahead > 0 || ax->interpolator.v.hi != 0.0;
+    return ax->interpolator.cycles_left > 0 || ax->interpolator.v.hi != 0.0;
 }
 
 static inline continuous axis_commanded(const sj_axis *ax)
@@ -38,10 +38,10 @@ static inline void interpolator_copy(sj_interpolator *to, const sj_interpolator 
 static inline void axis_give_up(sj_axis *ax)
 {
     ax->goal.kind = SJ_GOAL_NONE; /* the same goal again is a new motion */
-    ax->parked = ax->reached = ax->onward = 0;
+    ax->held = ax->reached = ax->blends = 0;
 }
 
-/* Motions wait on their way. */
+/* Whether motions are held. */
 static inline int32_t goal_held(const sj_kernel *kernel)
 {
     return kernel->hold || kernel->override == 0.0;

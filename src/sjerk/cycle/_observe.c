@@ -22,7 +22,7 @@ static void anchor(sj_axis *ax)
     sj_state actual = {(double)ax->actual_counts / ax->config.counts_per_unit, 0.0, 0.0};
     sj_interpolator_start(&ax->interpolator, &actual);
     ax->goal.kind = SJ_GOAL_NONE;
-    ax->parked = ax->reached = ax->onward = 0;
+    ax->held = ax->reached = ax->blends = 0;
 }
 
 static void observe_homing(sj_kernel *kernel, int32_t i)
@@ -76,7 +76,7 @@ static void observe(sj_kernel *kernel, int32_t i)
         sj_events_trigger(kernel, i, SJ_TRIGGER_POWER_ON);
     if (!ax->following && !(ax->state == SJ_AXIS_HOMING && sj_master_enabled(tx->statusword)))
         sj_events_trigger(kernel, i, SJ_TRIGGER_POWER_OFF);
-    if (ax->following && !ax->homing && !axis_moving(ax) && !ax->parked &&
+    if (ax->following && !ax->homing && !axis_moving(ax) && !ax->held &&
         ax->state > SJ_AXIS_STANDSTILL)
         sj_events_trigger(kernel, i, SJ_TRIGGER_DONE);
 }

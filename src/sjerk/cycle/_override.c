@@ -1,7 +1,7 @@
 /* Override and hold: the goals in execution are planned anew under other velocities, or held.
  *
- * A synchronised move is held on the way that was planned, all others by stops of their own; released,
- * each is planned anew from where it is. Never here: goals to come, how a hold leads (_hold.c).
+ * A synchronised move is held on the path that was planned, all others by stops of their own; released,
+ * each is planned anew from where it is. Never here: goals to come, how a move is held (_hold.c).
  */
 #include <stdint.h>
 #include "cycle/_axis.h"
@@ -13,7 +13,7 @@
 #include "cycle/_queue.h"
 #include "cycle/_stops.h"
 
-static void hold_on_way(sj_kernel *kernel, uint64_t set, double planned)
+static void hold_on_path(sj_kernel *kernel, uint64_t set, double planned)
 {
     int32_t axes[SJ_AXES], n;
     if (set == 0 || sj_hold_begin(kernel, set, planned))
@@ -61,9 +61,9 @@ static void plan_anew(sj_kernel *kernel, const int32_t *axes, int32_t n)
     for (int32_t k = 0; k < n; k++) {
         sj_axis *ax = &kernel->axis[axes[k]];
         interpolator_copy(&ax->interpolator, &kernel->trial[k]);
-        ax->parked = 0;
+        ax->held = 0;
         if (rest)
-            ax->line = set.planned == SJ_SYNC_PHASE ? set.way[k] : 0.0;
+            ax->line = set.planned == SJ_SYNC_PHASE ? set.distance[k] : 0.0;
     }
 }
 
@@ -71,11 +71,11 @@ static void plan_anew(sj_kernel *kernel, const int32_t *axes, int32_t n)
 static void replan(sj_kernel *kernel, double planned)
 {
     uint64_t set, waits = 0;
-    if (!goal_held(kernel) && kernel->override != kernel->paced.override) {
-        sj_hold_hand_over(kernel, kernel->paced.axes);
-        sj_hold_release(kernel, kernel->paced.axes);
+    if (!goal_held(kernel) && kernel->override != kernel->feed_hold.override) {
+        sj_hold_hand_over(kernel, kernel->feed_hold.axes);
+        sj_hold_release(kernel, kernel->feed_hold.axes);
     }
-    set = in_execution(kernel) & ~kernel->paced.axes;
+    set = in_execution(kernel) & ~kernel->feed_hold.axes;
     for (int32_t i = 0; i < kernel->axes; i++) {
         int32_t axes[SJ_AXES], n;
         if ((set & axis_bit(i)) == 0)
@@ -91,7 +91,7 @@ static void replan(sj_kernel *kernel, double planned)
         else
             sj_hold_by_stop(kernel, axes, n);
     }
-    hold_on_way(kernel, waits, planned);
+    hold_on_path(kernel, waits, planned);
 }
 
 void sj_override_set(sj_kernel *kernel, double override, int32_t hold)

@@ -24,7 +24,7 @@ static void keep(const sj_axis *ax, sj_axis_feedback *out)
         out->goal = ax->goal.goal;
 }
 
-/* What may be another in every cycle; levels and limits are told where they are taken. */
+/* What may be another in every cycle; levels and limits are written where they are taken. */
 static void report(const sj_kernel *kernel, int32_t i, sj_axis_feedback *out)
 {
     const sj_axis *ax = &kernel->axis[i];
@@ -43,7 +43,7 @@ static void report(const sj_kernel *kernel, int32_t i, sj_axis_feedback *out)
     out->following_error = tx->following_error;
     out->statusword = tx->statusword;
     out->error_code = tx->error_code;
-    out->moving = ax->homing || (ax->following && (axis_moving(ax) || ax->parked));
+    out->moving = ax->homing || (ax->following && (axis_moving(ax) || ax->held));
     out->settled = ax->reached;
     out->follows = ax->following;
     out->enabled = sj_master_enabled(tx->statusword);

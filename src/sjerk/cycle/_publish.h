@@ -2,7 +2,7 @@
 #pragma once
 #include "cycle/_state.h"
 
-/* What needs every cycle, whoever reads. */
+/* What needs every cycle, whether a client reads or not. */
 void sj_publish_keep(sj_kernel *kernel);
 /* The frame of this cycle, and the kernel's sign of life. */
 void sj_publish(sj_kernel *kernel);

@@ -25,7 +25,7 @@ static uint64_t following(const sj_kernel *kernel, uint64_t axes)
 /* The axes that a halt of these brings to rest. */
 static uint64_t halted_with(const sj_kernel *kernel, uint64_t axes)
 {
-    uint64_t halted = axes & kernel->path.led ? kernel->path.led : 0;
+    uint64_t halted = axes & kernel->path.axes ? kernel->path.axes : 0;
     axes = following(kernel, axes & ~halted);
     for (int32_t i = 0; i < kernel->axes; i++) {
         int32_t group[SJ_AXES], n;
@@ -53,7 +53,7 @@ void sj_react_halt(sj_kernel *kernel, uint64_t axes)
 
 void sj_react_quick_stop(sj_kernel *kernel, uint64_t axes, uint64_t together)
 {
-    uint64_t path = axes & kernel->path.led ? kernel->path.led : 0;
+    uint64_t path = axes & kernel->path.axes ? kernel->path.axes : 0;
     if (axes == 0)
         return;
     sj_lookahead_stop(kernel, following(kernel, axes | path));
@@ -69,7 +69,7 @@ void sj_react_stop_homing(sj_kernel *kernel, uint64_t axes)
         if ((axes & axis_bit(i)) && kernel->axis[i].homing) {
             sj_events_trigger(kernel, i, SJ_TRIGGER_HALT);
             kernel->axis[i].homing = 0;
-            kernel->axis[i].drive_stop = 1; /* the planner does not lead it */
+            kernel->axis[i].drive_stop = 1; /* it is not driven by the planner */
         }
 }
 

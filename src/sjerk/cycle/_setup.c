@@ -17,12 +17,12 @@ int32_t sj_kernel_init(sj_kernel *kernel, void *segment, int32_t axes, double cy
     kernel->segment = segment;
     kernel->axes = axes;
     kernel->override = 1.0;
-    sj_lookahead_start(&kernel->ahead);
+    sj_lookahead_start(&kernel->lookahead);
     kernel->reaction[SJ_CAUSE_HOST_DEATH] = SJ_REACT_HALT;
     kernel->reaction[SJ_CAUSE_HOST_SILENCE] = SJ_REACT_HALT;
     kernel->reaction[SJ_CAUSE_DRIVE_FAULT] = SJ_REACT_HALT;
     kernel->reaction[SJ_CAUSE_FOLLOWING_ERROR] = SJ_REACT_QUICK_STOP;
-    kernel->reaction[SJ_CAUSE_SPOILT] = SJ_REACT_HALT;
+    kernel->reaction[SJ_CAUSE_CORRUPT] = SJ_REACT_HALT;
     kernel->reaction[SJ_CAUSE_SYNC_LOST] = SJ_REACT_HALT;
     kernel->feedback.axes = axes;
     kernel->feedback.result_axis = -1;

@@ -2,8 +2,8 @@
  *
  * A halt slows all axes of a goal together; a quick stop brings each to rest as soon as its own stop
  * limits allow. What comes to rest by itself as soon as a stop would is left to do so. A stop moves
- * axes and drops nothing: what waits for them, their path and their hold are the caller's. Never here:
- * goals to come, drives, memory, time.
+ * axes and drops nothing: what waits for them, their path and their hold are the caller's. Never
+ * here: goals to come, drives, memory, time.
  */
 #include <math.h>   /* fabs */
 #include <stdint.h>
@@ -20,9 +20,9 @@ static int32_t plan_stop(const sj_axis *ax, const sj_limits *limits, sj_plan *pl
 }
 
 /* Whether it comes to rest by itself within so many cycles. */
-static int32_t rests_within(const sj_axis *ax, int64_t cycles)
+static int32_t at_rest_within(const sj_axis *ax, int64_t cycles)
 {
-    return ax->interpolator.goal_velocity == 0.0 && ax->interpolator.ahead <= cycles + 1;
+    return ax->interpolator.goal_velocity == 0.0 && ax->interpolator.cycles_left <= cycles + 1;
 }
 
 static void load_stop(sj_axis *ax, const sj_plan *plan)
@@ -37,19 +37,19 @@ static const sj_limits *limits_of(const sj_axis *ax)
 }
 
 /* The same stop in exactly so many cycles where that works, and not beyond the goal. */
-static void stretch(const sj_axis *ax, const sj_limits *own, int64_t cycles, sj_plan *plan)
+static void lengthen(const sj_axis *ax, const sj_limits *own, int64_t cycles, sj_plan *plan)
 {
     continuous at = axis_commanded(ax);
-    double low, high, way = sj_axis_distance(plan, at.V.hi, at.A.hi, &low, &high);
+    double low, high, distance = sj_axis_distance(plan, at.V.hi, at.A.hi, &low, &high);
     sj_limits limits = sj_axis_kept(ax, &at, own);
     sj_plan longer;
-    way *= (double)cycles / (double)(plan->cycles > 0 ? plan->cycles : 1);
+    distance *= (double)cycles / (double)(plan->cycles > 0 ? plan->cycles : 1);
     if (!ax->interpolator.goal_free) {
         double left = lemma_distance(&at, ax->interpolator.goal, 0.0);
-        if (left * way > 0.0 && fabs(way) > fabs(left))
-            way = left;
+        if (left * distance > 0.0 && fabs(distance) > fabs(left))
+            distance = left;
     }
-    if (sj_plan_duration(way, at.V.hi, at.A.hi, 0.0, &limits, cycles, &longer) == SJ_PLAN_OK)
+    if (sj_plan_duration(distance, at.V.hi, at.A.hi, 0.0, &limits, cycles, &longer) == SJ_PLAN_OK)
         *plan = longer;
 }
 
@@ -75,10 +75,10 @@ void sj_stop_together(sj_kernel *kernel, const int32_t *axes, int32_t n)
         }
         for (int32_t i = 0; i < n; i++)
             if (kernel->plan[i].cycles < longest)
-                stretch(&kernel->axis[axes[i]], &limits[i], longest, &kernel->plan[i]);
+                lengthen(&kernel->axis[axes[i]], &limits[i], longest, &kernel->plan[i]);
     }
     for (int32_t i = 0; i < n; i++)
-        rest &= rests_within(&kernel->axis[axes[i]], kernel->plan[i].cycles);
+        rest &= at_rest_within(&kernel->axis[axes[i]], kernel->plan[i].cycles);
     for (int32_t i = 0; i < n && !rest; i++) /* else: left to rest by itself */
         load_stop(&kernel->axis[axes[i]], &kernel->plan[i]);
 }
@@ -97,7 +97,7 @@ void sj_stop_halt(sj_kernel *kernel, uint64_t set)
         sj_stop_together(kernel, axes, n);
         for (int32_t k = 0; k < n; k++) {
             sj_axis *ax = &kernel->axis[axes[k]];
-            if (!(ax->interpolator.ahead > 0 && !ax->interpolator.goal_free && !ax->parked))
+            if (!(ax->interpolator.cycles_left > 0 && !ax->interpolator.goal_free && !ax->held))
                 if (!(ax->reached && !axis_moving(ax)))
                     axis_give_up(ax);
         }
@@ -121,7 +121,7 @@ void sj_stop_quick(sj_kernel *kernel, uint64_t set, uint64_t together)
         if ((set & axis_bit(i)) == 0 || !ax->following)
             continue;
         if (!axis_moving(ax)) {
-            if (!ax->reached) /* held on its way */
+            if (!ax->reached) /* held */
                 axis_give_up(ax);
             continue;
         }
@@ -140,8 +140,8 @@ void sj_stop_quick(sj_kernel *kernel, uint64_t set, uint64_t together)
         if ((planned & axis_bit(i)) == 0)
             continue;
         if ((together & axis_bit(i)) && kernel->plan[i].cycles < longest)
-            stretch(ax, &ax->config.stop_limits, longest, &kernel->plan[i]);
-        if (!rests_within(ax, kernel->plan[i].cycles)) {
+            lengthen(ax, &ax->config.stop_limits, longest, &kernel->plan[i]);
+        if (!at_rest_within(ax, kernel->plan[i].cycles)) {
             load_stop(ax, &kernel->plan[i]);
             axis_give_up(ax);
         }

@@ -1,4 +1,4 @@
-/* Stops of axes that their interpolators lead. */
+/* Stops of axes that are driven by their interpolators. */
 #pragma once
 #include <stdint.h>
 #include "cycle/_state.h"

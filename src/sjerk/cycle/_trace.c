@@ -20,13 +20,13 @@ void sj_trace_put(sj_kernel *kernel, int32_t kind, uint64_t number, const void *
     sj_event_publish(kernel->trace, &kernel->item);
 }
 
-static uint32_t flags_of(const sj_axis *ax, int32_t led, int32_t paced, int32_t stale)
+static uint32_t flags_of(const sj_axis *ax, int32_t path, int32_t feed_hold, int32_t stale)
 {
-    int32_t moving = ax->homing || (ax->following && (axis_moving(ax) || ax->parked));
+    int32_t moving = ax->homing || (ax->following && (axis_moving(ax) || ax->held));
     return (moving ? SJ_TRACE_MOVING : 0U) | (ax->reached ? SJ_TRACE_SETTLED : 0U) |
-           (ax->following ? SJ_TRACE_FOLLOWS : 0U) | (ax->parked ? SJ_TRACE_PARKED : 0U) |
-           (ax->drive_stop ? SJ_TRACE_DRIVE_STOP : 0U) | (led ? SJ_TRACE_LED : 0U) |
-           (stale ? SJ_TRACE_STALE : 0U) | (paced ? SJ_TRACE_PACED : 0U);
+           (ax->following ? SJ_TRACE_FOLLOWS : 0U) | (ax->held ? SJ_TRACE_HELD : 0U) |
+           (ax->drive_stop ? SJ_TRACE_DRIVE_STOP : 0U) | (path ? SJ_TRACE_PATH : 0U) |
+           (stale ? SJ_TRACE_STALE : 0U) | (feed_hold ? SJ_TRACE_FEED_HOLD : 0U);
 }
 
 static void write_axis(const sj_kernel *kernel, int32_t i, sj_axis_trace *out)
@@ -50,8 +50,8 @@ static void write_axis(const sj_kernel *kernel, int32_t i, sj_axis_trace *out)
     out->torque_actual = tx->torque_actual;
     out->mode_display = tx->mode_display;
     out->state = (uint8_t)ax->state;
-    out->flags = flags_of(ax, (int32_t)(kernel->path.led >> i & 1),
-                          (int32_t)(kernel->feedback.paced >> i & 1), kernel->stale[i]);
+    out->flags = flags_of(ax, (int32_t)(kernel->path.axes >> i & 1),
+                          (int32_t)(kernel->feedback.feed_hold >> i & 1), kernel->stale[i]);
     out->reserved = 0;
 }
 

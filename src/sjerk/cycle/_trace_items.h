@@ -17,11 +17,11 @@ enum sj_trace_flag {
     SJ_TRACE_MOVING = 1,
     SJ_TRACE_SETTLED = 2,
     SJ_TRACE_FOLLOWS = 4,
-    SJ_TRACE_PARKED = 8,
+    SJ_TRACE_HELD = 8,                  /* not at its end though it may rest */
     SJ_TRACE_DRIVE_STOP = 16,
-    SJ_TRACE_LED = 32,                  /* by a path */
+    SJ_TRACE_PATH = 32,                 /* driven by a path */
     SJ_TRACE_STALE = 64,
-    SJ_TRACE_PACED = 128                /* on the way of its move, at another pace */
+    SJ_TRACE_FEED_HOLD = 128            /* on its planned path, at another feed */
 };
 
 typedef struct {

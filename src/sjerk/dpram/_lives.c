@@ -2,7 +2,7 @@
  *
  * An epoch counts the hosts and the kernels of a segment; all that is sent carries the epoch of the
  * kernel it is meant for. Time is an argument.
- * Never here: the lock that tells death (a system call; outside the cycle).
+ * Never here: the lock that shows a death (a system call, outside the cycle).
  */
 #include "dpram/_pages.h"               /* layout and atomics */
 

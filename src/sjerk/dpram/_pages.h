@@ -4,7 +4,7 @@
  * Four exchanges lie in it, each for one need: the command (the newest one counts, _command.c), the
  * ring (every record counts, in order, _ring.c), the feedback (the newest frame, for any reader,
  * _feedback.c), the events (a slow reader loses the oldest and knows how many, _events.c). _lives.c
- * tells who is there, _segment.c makes the memory and checks it, _slots.c moves payloads.
+ * holds who is there, _segment.c makes the memory and checks it, _slots.c moves payloads.
  *
  *   byte 0      +---------------------+
  *               | header              |  written once by the creator; `ready` last
@@ -25,8 +25,8 @@
  *               +---------------------+
  *
  * Three rules make it hold. Pages have one owner, so that no cache line is written by two sides, except
- * the one word. A slot is a stamp of 64 bytes and the payload, together a multiple of 64; whoever
- * reads one compares the stamp, so nothing torn is taken for whole. And counters that must survive
+ * the one word. A slot is a stamp of 64 bytes and the payload, together a multiple of 64; a reader
+ * compares the stamp, so nothing torn is taken for whole. And counters that must survive
  * the death of their writer live in the segment, not in the writer: a restarted side goes on where
  * its predecessor published last, and overwrites what that one left half-written.
  * docs/explanation/handshake.md says what holds at a kill after each store.
@@ -35,7 +35,7 @@
  * system call, an allocation. Every function works as well on plain private memory.
  */
 #pragma once
-#include <stdatomic.h>                  /* its only use beside the end flag of _clock.c */
+#include <stdatomic.h>                  /* its only use next to the end flag of _clock.c */
 #include <stddef.h>                     /* offsetof */
 #include <stdint.h>                     /* fixed widths */
 #include "dpram/_dpram.h"               /* the contract */

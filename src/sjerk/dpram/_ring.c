@@ -2,7 +2,7 @@
  *
  * Record n lies in slot n mod capacity. The host moves the head and the flush mark, the kernel the
  * tail: tail <= flush mark <= head <= tail + capacity, or the counters are corrupt.
- * Never here: a wait; a full ring is told.
+ * Never here: a wait; a full ring is a status.
  */
 #include "dpram/_pages.h"               /* layout and atomics */
 

@@ -1,4 +1,4 @@
-/* The segment: made once, checked by everybody who opens it; what a cycle will touch, fetched ahead.
+/* The segment: made once, checked by each process that opens it; what a cycle will touch, fetched ahead.
  *
  * Its memory is whole once `ready` is stored, last.
  * Never here: names, files, permissions (dpram/ in Python has them).

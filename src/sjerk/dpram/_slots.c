@@ -1,6 +1,6 @@
 /* Payloads into slots and out of them: copies by atomic words, checksums, the latch.
  *
- * Payloads are copied as relaxed atomic words, because a plain copy beside a writer is a data race by
+ * Payloads are copied as relaxed atomic words, because a plain copy next to a writer is a data race by
  * definition, whatever a later check says. A checksum covers the stamp's words and the payload; it
  * is taken of private bytes, so that what is summed is what is handed over.
  * Never here: which slot, which number.
@@ -38,7 +38,7 @@ static void copy_in(word *to, const void *from, uint32_t bytes)
     if (bytes % 8 != 0) store(&to[whole], bytes_to_word(source + 8 * (size_t)whole, bytes % 8));
 }
 
-/* Of private bytes, so that what is summed is what is handed over, whoever else writes. Four sums side
+/* Of private bytes, so that what is summed is what is handed over, even if another one writes. Four sums side
  * by side, as a multiplication takes longer than a load. */
 static uint64_t checksum(const void *bytes_of, uint32_t bytes, uint64_t sum)
 {
@@ -93,7 +93,7 @@ int sj_slot_copy(const stamp *at, uint64_t number, uint64_t host_epoch, uint64_t
 }
 
 /* Item n = *count + 1. A slot under the pen has number 0, so a reader cannot take it for whole; the
- * count moves last, so whoever dies in here leaves all that was published before in place. */
+ * count moves last, so a writer that dies in here leaves in place all that was published before. */
 void sj_latch_publish(word *count, stamp *at, const void *item, uint32_t bytes)
 {
     const uint64_t number = load(count) + 1;

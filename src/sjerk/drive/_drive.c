@@ -1,4 +1,4 @@
-/* One SYNC period of a drive, in the order of the data: supervision of what it is told, the state
+/* One SYNC period of a drive, in the order of the data: supervision of what it gets, the state
  * machine, the motion its state allows, the servo, supervision of the result, the words. And the
  * place where the drive meets the planner: what modes 1 and 3 ask for is planned at the period's end.
  *
@@ -10,7 +10,7 @@
 #include "drive/_internal.h" /* what the files of the drive share */
 #include "planner/_planner.h" /* modes 1 and 3 */
 
-static int mode_supported(int32_t mode)
+static int supports_mode(int32_t mode)
 {
     switch (mode) {
     case SJ_MODE_NONE:
@@ -90,21 +90,21 @@ static void step_state(sj_drive *drive, uint16_t word)
 /* 6061h follows 6060h between two periods, without a bump. */
 static void step_mode(sj_drive *drive, int32_t wanted)
 {
-    if (wanted == drive->mode || !mode_supported(wanted)) {
+    if (wanted == drive->mode || !supports_mode(wanted)) {
         return;
     }
     if (drive->mode == SJ_MODE_CST && drive->state == SJ_STATE_OPERATION_ENABLED) {
         drive->servo.integral_nm = drive->servo.command_nm;
     }
-    drive->torque_demand_nm = drive->servo.command_nm;
+    drive->demand.torque_nm = drive->servo.command_nm;
     drive->mode = wanted;
     drive->resync = 1;
-    drive->acknowledged = 0;
+    drive->goal.acknowledged = 0;
     sj_profile_give_up(drive);
 }
 
 /* What the motor does in this period, by state. */
-static void move(sj_drive *drive, const sj_drive_rx *rx, sj_servo_command *command)
+static void command_motion(sj_drive *drive, const sj_drive_rx *rx, sj_servo_command *command)
 {
     const sj_drive_config *config = &drive->config;
     const uint16_t word = drive->controlword;
@@ -174,8 +174,8 @@ static void move(sj_drive *drive, const sj_drive_rx *rx, sj_servo_command *comma
     }
 }
 
-/* What bounds the period's command whatever it is: torque limits, speed limit, offsets. */
-static sj_servo_command bounds(const sj_drive *drive, const sj_drive_rx *rx)
+/* What bound_command the period's command whatever it is: torque limits, speed limit, offsets. */
+static sj_servo_command bound_command(const sj_drive *drive, const sj_drive_rx *rx)
 {
     const sj_drive_config *config = &drive->config;
     const double unit = 1e-3 * config->rated_torque_nm;
@@ -187,8 +187,8 @@ static sj_servo_command bounds(const sj_drive *drive, const sj_drive_rx *rx)
 
     return (sj_servo_command){
         .velocity_offset_rad_s =
-            (double)turned(drive, rx->velocity_offset, SJ_POLARITY_VELOCITY) * to_speed,
-        .torque_nm = (double)turned(drive, rx->torque_offset, SJ_POLARITY_TORQUE) * unit,
+            (double)with_polarity(drive, rx->velocity_offset, SJ_POLARITY_VELOCITY) * to_speed,
+        .torque_nm = (double)with_polarity(drive, rx->torque_offset, SJ_POLARITY_TORQUE) * unit,
         .torque_max_nm = high < most ? high : most,
         .torque_min_nm = low < most ? -low : -most,
         .speed_max_rad_s = SJ_SPEED_CLAMP * config->max_speed_rpm * SJ_RPM,
@@ -196,9 +196,9 @@ static sj_servo_command bounds(const sj_drive *drive, const sj_drive_rx *rx)
 }
 
 /* Up to the servo's command. */
-static sj_servo_command begin(sj_drive *drive, const sj_drive_rx *rx)
+static sj_servo_command begin_period(sj_drive *drive, const sj_drive_rx *rx)
 {
-    sj_servo_command command = bounds(drive, rx);
+    sj_servo_command command = bound_command(drive, rx);
     const int32_t fault = sj_supervise_inputs(drive, rx);
 
     drive->cycles++;
@@ -219,23 +219,23 @@ static sj_servo_command begin(sj_drive *drive, const sj_drive_rx *rx)
     }
     if (drive->state != SJ_STATE_OPERATION_ENABLED || drive->mode != SJ_MODE_HOMING ||
         drive->controlword & SJ_CW_HALT) {
-        drive->homing = SJ_HOMING_IDLE; /* a search that is left is over */
+        drive->homing.phase = SJ_HOMING_IDLE; /* a search that is left is over */
     }
     if (drive->state != SJ_STATE_OPERATION_ENABLED) {
-        drive->acknowledged = 0;
+        drive->goal.acknowledged = 0;
         sj_profile_give_up(drive);
     } else if (drive->controlword & SJ_CW_HALT &&
-               (drive->plan_phase >= 0 || drive->goal_set == SJ_VELOCITY_GOAL)) {
+               (drive->goal.plan_phase >= 0 || drive->goal.kind == SJ_VELOCITY_GOAL)) {
         /* released, the axis waits for a new set-point; a velocity comes back */
         sj_profile_give_up(drive);
     }
-    move(drive, rx, &command);
+    command_motion(drive, rx, &command);
     command.brake |= (rx->digital_outputs & rx->output_mask & 1u) != 0;
     return command;
 }
 
 /* After the servo's period; before: the encoder at its begin. */
-static void end(sj_drive *drive, const sj_drive_rx *rx, const sj_servo_command *command,
+static void end_period(sj_drive *drive, const sj_drive_rx *rx, const sj_servo_command *command,
                 int64_t before, sj_drive_tx *tx)
 {
     sj_point_move_increments(drive, &drive->actual,
@@ -250,35 +250,35 @@ static void end(sj_drive *drive, const sj_drive_rx *rx, const sj_servo_command *
 
 void sj_drive_cycle(sj_drive *drive, const sj_drive_rx *rx, sj_drive_tx *tx)
 {
-    const sj_servo_command command = begin(drive, rx);
+    const sj_servo_command command = begin_period(drive, rx);
     const int64_t before = drive->servo.encoder;
 
     sj_servo_period(&drive->servo, &drive->constants, &command);
-    end(drive, rx, &command, before, tx);
+    end_period(drive, rx, &command, before, tx);
 }
 
 void sj_drive_cycles(sj_drive *const *drives, const sj_drive_rx *const *rx, sj_drive_tx *const *tx,
                      int32_t count)
 {
-    sj_servo_command command[SJ_MOTORS];
-    int64_t before[SJ_MOTORS];
+    sj_servo_command command[SJ_SERVO_LANES];
+    int64_t before[SJ_SERVO_LANES];
 
-    for (int32_t first = 0; first < count; first += SJ_MOTORS) {
-        const int32_t n = count - first < SJ_MOTORS ? count - first : SJ_MOTORS;
+    for (int32_t first = 0; first < count; first += SJ_SERVO_LANES) {
+        const int32_t n = count - first < SJ_SERVO_LANES ? count - first : SJ_SERVO_LANES;
         for (int32_t i = 0; i < n; i++) {
-            command[i] = begin(drives[first + i], rx[first + i]);
+            command[i] = begin_period(drives[first + i], rx[first + i]);
             before[i] = drives[first + i]->servo.encoder;
         }
         sj_servo_periods(n, &drives[first], command);
         for (int32_t i = 0; i < n; i++) {
-            end(drives[first + i], rx[first + i], &command[i], before[i], tx[first + i]);
+            end_period(drives[first + i], rx[first + i], &command[i], before[i], tx[first + i]);
         }
     }
 }
 
 void sj_drive_cycle_planned(sj_drive *drive, const sj_drive_rx *rx, sj_drive_tx *tx)
 {
-    const sj_drive_request *request = &drive->request;
+    const sj_drive_request *request = &drive->goal.request;
     sj_plan plan;
     int32_t status = SJ_PLAN_OK;
 

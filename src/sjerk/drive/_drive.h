@@ -22,7 +22,7 @@ enum {                                  /* phases of homing */
 enum {                                  /* findings of the verdict on the stream of targets */
     SJ_FINDING_JUMP = 0,                /* further than the jump limit */
     SJ_FINDING_STALE = 1,               /* the same target twice while moving */
-    SJ_FINDING_SKIPPED = 2,             /* about twice the way of the cycle before: one is missing */
+    SJ_FINDING_SKIPPED = 2,             /* about twice the distance of the cycle before: one is missing */
     SJ_FINDING_STEP = 3,                /* a step in velocity no limit allows */
     SJ_FINDING_ACCELERATION = 4,
     SJ_FINDING_VELOCITY = 5,
@@ -200,27 +200,65 @@ typedef struct {                        /* the verdict on the stream of targets 
     int32_t last_finding;               /* of the cycle at hand, -1 none */
 } sj_drive_verdict;
 
-typedef struct {
-    sj_drive_config config;
-    sj_servo_constants constants;
-    sj_servo servo;
-    sj_drive_verdict verdict;
-    sj_drive_point actual;
-    sj_drive_point demand;
-    double demand_fraction;             /* of an increment, left by ramps */
-    double demand_velocity;             /* increments per period at its end */
-    double demand_acceleration;         /* increments per period^2, of a plan */
-    double torque_demand_nm;
-    sj_drive_request request;
-    sj_plan plan;                       /* being executed in modes 1 and 3 */
-    int64_t plan_left;                  /* periods of its present phase */
-    int64_t goal_units;                 /* 607Ah of the set-point, within 607Bh */
-    double goal_velocity;               /* increments per period */
-    int64_t ratio_units;                /* pu = increments * ratio_units / ratio_increments */
-    int64_t ratio_increments;
+typedef struct {                        /* positions in two units, made from a config */
+    int64_t units;                      /* pu per `increments` */
+    int64_t increments;                 /* per `units`, reduced */
     int64_t range;                      /* pu in one wrap of 607Bh */
     int64_t jump_limit;                 /* pu per period */
-    int64_t homing_turn;                /* index pulses counted when the search began */
+} sj_drive_scale;
+
+typedef struct {                        /* where the axis is to be, at the end of the period */
+    sj_drive_point point;
+    double fraction;                    /* of an increment, left by ramps */
+    double velocity;                    /* increments per period */
+    double acceleration;                /* increments per period^2, of a plan */
+    double torque_nm;                   /* CST */
+} sj_drive_demand;
+
+typedef struct {                        /* of modes 1 and 3 */
+    sj_drive_request request;
+    sj_plan plan;                       /* being executed */
+    int64_t plan_left;                  /* periods of its present phase */
+    int32_t plan_phase;                 /* -1: none */
+    int32_t kind;                       /* a goal exists: 1 position, 2 velocity */
+    int32_t waits;                      /* a second set-point until the first is reached */
+    int32_t acknowledged;               /* statusword bit 12 of mode 1 */
+    int64_t units;                      /* 607Ah of the set-point, within 607Bh */
+    int64_t waiting_units;              /* of the second one */
+    double velocity;                    /* increments per period */
+} sj_drive_goal;
+
+typedef struct {
+    int64_t turn;                       /* index pulses counted when the search began */
+    int32_t phase;                      /* SJ_HOMING_... */
+    int32_t homed;                      /* a reference exists */
+    int32_t error;
+    int32_t pad;
+} sj_drive_homing;
+
+typedef struct {                        /* periods in a row, but for sync_errors */
+    int32_t missed_in_row;              /* without SYNC */
+    int32_t sync_errors;                /* 10F1h:2 */
+    uint32_t following;                 /* outside the following window */
+    uint32_t window;                    /* inside the position window */
+    uint32_t velocity;                  /* inside the velocity window */
+    uint32_t moving;                    /* above the velocity threshold */
+    uint32_t stop;                      /* since the end of a stop's ramp */
+    uint32_t pad;
+} sj_drive_counts;
+
+typedef struct {
+    /* from the config */
+    sj_drive_config config;
+    sj_servo_constants constants;
+    sj_drive_scale scale;
+    /* the motor, what it does and what it is to do */
+    sj_servo servo;
+    sj_drive_point actual;
+    sj_drive_demand demand;
+    sj_drive_goal goal;
+    sj_drive_homing homing;
+    /* device control */
     uint64_t cycles;
     uint32_t causes;                    /* bit n = fault n injected and still there */
     uint32_t transitions;               /* bit n = transition n ran in this cycle */
@@ -229,30 +267,17 @@ typedef struct {
     int32_t fault;                      /* SJ_FAULT_... that led to the present reaction */
     int32_t follows;
     int32_t limited;                    /* statusword bit 11 of this cycle */
-    int32_t missed_in_row;
-    int32_t sync_errors;
-    int32_t plan_phase;                 /* -1: none */
-    int32_t goal_set;                   /* a goal exists: 1 position, 2 velocity */
-    int32_t goal_waits;                 /* a second set-point until the first is reached */
-    int32_t acknowledged;               /* statusword bit 12 of mode 1 */
-    int64_t waiting_units;
-    int32_t homing;                     /* SJ_HOMING_... */
-    int32_t homed;                      /* a reference exists */
-    int32_t homing_error;
     int32_t resync;                     /* adopt the actual position before following again */
     int32_t warning;                    /* statusword bit 7 */
-    int32_t pad32;
     int32_t local;                      /* 1: the controlword is not obeyed */
-    uint32_t following_cycles;          /* spent outside the following window */
-    uint32_t window_cycles;             /* spent inside the position window */
-    uint32_t velocity_cycles;           /* spent inside the velocity window */
-    uint32_t moving_cycles;             /* spent above the velocity threshold */
-    uint32_t stop_cycles;               /* since the end of a stop's ramp */
     uint16_t controlword;               /* the one that counts in this cycle */
     uint16_t controlword_before;
     uint16_t error_code;                /* 603Fh */
     uint8_t following_error;            /* statusword bit 13 */
     uint8_t standing;
+    /* supervision */
+    sj_drive_counts counts;
+    sj_drive_verdict verdict;
 } sj_drive;
 
 /* 0, or n for the n-th field of sj_drive_config: it lies outside its range, or the fields that
@@ -275,5 +300,5 @@ void sj_verdict_clear(sj_drive_verdict *verdict);
 
 /* For C only. */
 
-/* A drive that is where it was told to be: no motor, no fault, CSP only. */
+/* A drive that is at its target at once: no motor, no fault, CSP only. */
 void sj_ideal_cycle(sj_drive *drive, const sj_drive_rx *rx, sj_drive_tx *tx);

@@ -1,4 +1,5 @@
-/* The ideal drive: the state machine of CiA 402 in front of an axis that is where it was told to be.
+/* The ideal drive: the state machine of CiA 402 in front of an axis that is at its target
+ * at once.
  *
  * Never here: a motor, a fault, any mode but CSP.
  */
@@ -21,8 +22,8 @@ void sj_ideal_cycle(sj_drive *drive, const sj_drive_rx *rx, sj_drive_tx *tx)
     drive->mode = rx->mode;
     tx->velocity_actual = 0;
     if (follows && drive->mode == SJ_MODE_CSP) {
-        int64_t way = (int64_t)rx->target_position - tx->position_actual;
-        tx->velocity_actual = (int32_t)((double)way / drive->config.period_s);
+        int64_t distance = (int64_t)rx->target_position - tx->position_actual;
+        tx->velocity_actual = (int32_t)((double)distance / drive->config.period_s);
         tx->position_actual = rx->target_position;
     }
     tx->mode_display = (int8_t)drive->mode;

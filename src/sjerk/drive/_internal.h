@@ -1,4 +1,4 @@
-/* What the files of the drive share and nobody else needs. Prototypes stand from the ground up: each
+/* What the files of the drive share; private to this room, whose contract is _drive.h and _words.h. Prototypes stand from the ground up: each
  * file calls those above it here, and never one below. */
 #pragma once
 #include <stdint.h>
@@ -29,8 +29,8 @@ int32_t sj_drive_ratio(const sj_drive_config *config, int64_t *units, int64_t *i
 /* _units.c */
 int64_t sj_point_wrap(const sj_drive *drive, int64_t units);
 int64_t sj_point_difference(const sj_drive *drive, int64_t to, int64_t from);
-void sj_point_move_increments(const sj_drive *drive, sj_drive_point *point, int64_t way);
-int64_t sj_point_move_units(const sj_drive *drive, sj_drive_point *point, int64_t way);
+void sj_point_move_increments(const sj_drive *drive, sj_drive_point *point, int64_t distance);
+int64_t sj_point_move_units(const sj_drive *drive, sj_drive_point *point, int64_t distance);
 void sj_point_set(const sj_drive *drive, sj_drive_point *point, int64_t increments, int64_t units);
 void sj_point_set_home(sj_drive *drive, int64_t increments);   /* these become 607Ch */
 
@@ -42,8 +42,10 @@ void sj_verdict_judge(sj_drive *drive, int64_t step);           /* one target fo
 void sj_servo_prepare(sj_servo_constants *constants, const sj_drive_config *config);
 void sj_servo_period(sj_servo *servo, const sj_servo_constants *constants,
                      const sj_servo_command *command);
-enum { SJ_MOTORS = 8 };                                         /* at once */
-/* One period of as many servos, SJ_MOTORS at most. */
+
+/* _servo_simd.c */
+enum { SJ_SERVO_LANES = 8 };                                    /* motors at once */
+/* One period of as many servos, SJ_SERVO_LANES at most. */
 void sj_servo_periods(int32_t count, sj_drive *const *drives, const sj_servo_command *commands);
 
 /* _motion.c; those that follow return a fault or SJ_FAULT_NONE where they can */
@@ -59,7 +61,7 @@ int32_t sj_motion_follow_position(sj_drive *drive, const sj_drive_rx *rx,
 void sj_motion_follow_velocity(sj_drive *drive, const sj_drive_rx *rx, sj_servo_command *command);
 void sj_motion_follow_torque(sj_drive *drive, const sj_drive_rx *rx, sj_servo_command *command);
 uint32_t sj_motion_inputs(const sj_drive *drive);               /* 60FDh */
-int sj_motion_blocked(const sj_drive *drive, double way);      /* a limit switch in this direction */
+int sj_motion_blocked(const sj_drive *drive, double direction); /* by a limit switch */
 
 /* _homing.c */
 void sj_homing_period(sj_drive *drive, sj_servo_command *command);
@@ -95,18 +97,18 @@ static inline double per_period(const sj_drive *drive)
 
 static inline double increments_per_unit(const sj_drive *drive)
 {
-    return (double)drive->ratio_increments / (double)drive->ratio_units;
+    return (double)drive->scale.increments / (double)drive->scale.units;
 }
 
 static inline double units_per_increment(const sj_drive *drive)
 {
-    return (double)drive->ratio_units / (double)drive->ratio_increments;
+    return (double)drive->scale.units / (double)drive->scale.increments;
 }
 
 /* The speed limit, 6080h or 607Fh, in increments per period. */
 static inline double speed_limit(const sj_drive *drive)
 {
-    return (double)drive->jump_limit / drive->config.jump_factor * increments_per_unit(drive);
+    return (double)drive->scale.jump_limit / drive->config.jump_factor * increments_per_unit(drive);
 }
 
 /* Into -most .. most. */
@@ -125,11 +127,11 @@ static inline int32_t quick_stop_ramp(const sj_drive_config *config)
 /* 60F4h in pu, between the axis and its demand as they are inside the drive. */
 static inline int64_t following_error(const sj_drive *drive)
 {
-    return sj_point_difference(drive, drive->demand.units, drive->actual.units);
+    return sj_point_difference(drive, drive->demand.point.units, drive->actual.units);
 }
 
 /* Polarity between the words and the motor. */
-static inline int64_t turned(const sj_drive *drive, int64_t value, uint32_t bit)
+static inline int64_t with_polarity(const sj_drive *drive, int64_t value, uint32_t bit)
 {
     return drive->config.polarity & bit ? -value : value;
 }

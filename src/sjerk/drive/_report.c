@@ -13,7 +13,7 @@ static int target_reached(sj_drive *drive)
     const int64_t error = following_error(drive);
 
     if (drive->state != SJ_STATE_OPERATION_ENABLED) {
-        drive->window_cycles = 0;
+        drive->counts.window = 0;
         return 0;
     }
     if (drive->controlword & SJ_CW_HALT) {
@@ -22,11 +22,11 @@ static int target_reached(sj_drive *drive)
     if (drive->mode != SJ_MODE_CSP || !drive->follows ||
         (config->position_window != UINT32_MAX &&
          (error > config->position_window || error < -(int64_t)config->position_window))) {
-        drive->window_cycles = 0;
+        drive->counts.window = 0;
         return 0;
     }
-    drive->window_cycles += drive->window_cycles < UINT32_MAX;
-    return drive->window_cycles * config->period_s * 1e3 >= config->position_time_ms;
+    drive->counts.window += drive->counts.window < UINT32_MAX;
+    return drive->counts.window * config->period_s * 1e3 >= config->position_time_ms;
 }
 
 static int32_t to_int32(double value)
@@ -48,7 +48,7 @@ static int16_t to_int16(double value)
 
 static int32_t position_word(const sj_drive *drive, int64_t units)
 {
-    return (int32_t)sj_point_wrap(drive, turned(drive, units, SJ_POLARITY_POSITION));
+    return (int32_t)sj_point_wrap(drive, with_polarity(drive, units, SJ_POLARITY_POSITION));
 }
 
 void sj_report_words(sj_drive *drive, const sj_drive_rx *rx, sj_drive_tx *tx)
@@ -85,18 +85,18 @@ void sj_report_words(sj_drive *drive, const sj_drive_rx *rx, sj_drive_tx *tx)
     tx->error_register = sj_drive_fault(drive->fault)->error_register;
     tx->error_code = drive->error_code;
     tx->position_actual = position_word(drive, drive->actual.units);
-    tx->position_demand = position_word(drive, drive->demand.units);
+    tx->position_demand = position_word(drive, drive->demand.point.units);
     tx->following_error =
-        (int32_t)turned(drive, following_error(drive), SJ_POLARITY_POSITION);
+        (int32_t)with_polarity(drive, following_error(drive), SJ_POLARITY_POSITION);
     tx->velocity_actual = to_int32(velocity_sign * servo->measured_rad_s *
                                    drive->constants.increments_per_rad * to_units);
     tx->velocity_demand =
-        to_int32(velocity_sign * drive->demand_velocity / config->period_s * to_units);
+        to_int32(velocity_sign * drive->demand.velocity / config->period_s * to_units);
     tx->torque_actual = to_int16(torque_sign * servo->torque_nm * per_mille);
     tx->torque_demand = to_int16(torque_sign * servo->command_nm * per_mille);
     tx->current_actual = to_int16(servo->torque_nm * per_mille);
     tx->position_internal = (int32_t)(uint32_t)(uint64_t)drive->actual.increments;
-    tx->demand_internal = (int32_t)(uint32_t)(uint64_t)drive->demand.increments;
+    tx->demand_internal = (int32_t)(uint32_t)(uint64_t)drive->demand.point.increments;
     tx->digital_inputs = sj_motion_inputs(drive);
     tx->dc_link_mv = has_cause(drive, SJ_FAULT_UNDER_VOLTAGE)  ? 0
                      : has_cause(drive, SJ_FAULT_OVER_VOLTAGE) ? 420000

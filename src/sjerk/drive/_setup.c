@@ -12,15 +12,15 @@ static void prepare(sj_drive *drive)
     double limit = 0.0;
 
     sj_servo_prepare(&drive->constants, config);
-    (void)sj_drive_ratio(config, &drive->ratio_units, &drive->ratio_increments);
-    drive->range = (int64_t)config->range_max - config->range_min + 1;
-    /* pu/s of 6080h, or less by 607Fh */
+    (void)sj_drive_ratio(config, &drive->scale.units, &drive->scale.increments);
+    drive->scale.range = (int64_t)config->range_max - config->range_min + 1;
+    /* jump limit = speed x period x factor; the speed in pu/s by 6080h, or less by 607Fh */
     speed = config->max_speed_rpm / 60.0 * config->encoder_increments /
-            config->encoder_revolutions * (double)drive->ratio_units /
-            (double)drive->ratio_increments;
+            config->encoder_revolutions * (double)drive->scale.units /
+            (double)drive->scale.increments;
     speed = speed < config->max_profile_velocity ? speed : config->max_profile_velocity;
     limit = speed * config->period_s * config->jump_factor;
-    drive->jump_limit = limit < 4294967296.0 ? (int64_t)limit : (int64_t)1 << 32;
+    drive->scale.jump_limit = limit < 4294967296.0 ? (int64_t)limit : (int64_t)1 << 32;
 }
 
 int32_t sj_drive_init(sj_drive *drive, const sj_drive_config *config)
@@ -30,15 +30,15 @@ int32_t sj_drive_init(sj_drive *drive, const sj_drive_config *config)
     if (bad != 0) {
         return bad;
     }
-    *drive = (sj_drive){.config = *config, .state = SJ_STATE_NOT_READY, .plan_phase = -1};
+    *drive = (sj_drive){.config = *config, .state = SJ_STATE_NOT_READY, .goal.plan_phase = -1};
     prepare(drive);
     sj_point_set(drive, &drive->actual, 0, 0);
-    sj_point_set(drive, &drive->demand, 0, 0);
+    sj_point_set(drive, &drive->demand.point, 0, 0);
     sj_verdict_clear(&drive->verdict);
     return 0;
 }
 
-/* A new scale: positions are told anew from the encoder, a reference is lost. */
+/* A new scale: positions anew from the encoder; a reference is lost. */
 void sj_drive_rescale(sj_drive *drive)
 {
     const int64_t increments = drive->actual.increments;
@@ -46,10 +46,10 @@ void sj_drive_rescale(sj_drive *drive)
     sj_point_set(drive, &drive->actual, 0, 0);
     sj_point_move_increments(drive, &drive->actual, increments % ((int64_t)1 << 32));
     drive->actual.increments = increments;
-    drive->demand = drive->actual;
-    drive->demand_fraction = 0.0;
+    drive->demand.point = drive->actual;
+    drive->demand.fraction = 0.0;
     drive->resync = 1;
-    drive->homed = 0;
+    drive->homing.homed = 0;
     sj_verdict_pause(&drive->verdict);
 }
 

@@ -37,20 +37,21 @@ static int32_t supervise_sync(sj_drive *drive, const sj_drive_rx *rx)
     const uint32_t limit = drive->config.sync_error_limit;
 
     if (drive->state != SJ_STATE_OPERATION_ENABLED || drive->mode < SJ_MODE_CSP) {
-        drive->missed_in_row = 0;
-        drive->sync_errors = 0;
+        drive->counts.missed_in_row = 0;
+        drive->counts.sync_errors = 0;
         return SJ_FAULT_NONE;
     }
     if (!rx->sync_missed) {
-        drive->missed_in_row = 0;
-        drive->sync_errors -= drive->sync_errors > 0;
+        drive->counts.missed_in_row = 0;
+        drive->counts.sync_errors -= drive->counts.sync_errors > 0;
         return SJ_FAULT_NONE;
     }
     drive->verdict.missed_syncs++;
     drive->warning = 1;
-    drive->missed_in_row += drive->missed_in_row < INT32_MAX;
-    drive->sync_errors += drive->sync_errors < INT32_MAX - 3 ? 3 : 0;
-    return limit != 0xFFFF && (uint32_t)drive->sync_errors >= limit ? SJ_FAULT_SYNC : SJ_FAULT_NONE;
+    drive->counts.missed_in_row += drive->counts.missed_in_row < INT32_MAX;
+    drive->counts.sync_errors += drive->counts.sync_errors < INT32_MAX - 3 ? 3 : 0;
+    return limit != 0xFFFF && (uint32_t)drive->counts.sync_errors >= limit ? SJ_FAULT_SYNC
+                                                                           : SJ_FAULT_NONE;
 }
 
 /* The fault this period begins with, if any. */
@@ -89,11 +90,11 @@ void sj_supervise_following(sj_drive *drive, const sj_servo_command *command)
         drive->verdict.following_max = (uint32_t)size;
     }
     if (!supervised || config->following_window == UINT32_MAX || size <= config->following_window) {
-        drive->following_cycles = 0;
+        drive->counts.following = 0;
         return;
     }
-    drive->following_cycles++;
-    if (drive->following_cycles * config->period_s * 1e3 > config->following_time_ms) {
+    drive->counts.following++;
+    if (drive->counts.following * config->period_s * 1e3 > config->following_time_ms) {
         drive->following_error = 1;
         sj_drive_raise(drive, SJ_FAULT_FOLLOWING_ERROR);
     }
@@ -105,12 +106,12 @@ void sj_supervise_standing(sj_drive *drive)
     const double speed = drive->servo.measured_rad_s;
     const double still = SJ_STANDSTILL * drive->config.max_speed_rpm * SJ_RPM;
 
-    if (drive->demand_velocity != 0.0) {
-        drive->stop_cycles = 0;
+    if (drive->demand.velocity != 0.0) {
+        drive->counts.stop = 0;
         drive->standing = 0;
         return;
     }
-    drive->stop_cycles += drive->stop_cycles < UINT32_MAX;
+    drive->counts.stop += drive->counts.stop < UINT32_MAX;
     drive->standing = (speed < still && speed > -still) ||
-                      drive->stop_cycles * drive->config.period_s > drive->config.stop_timeout_s;
+                      drive->counts.stop * drive->config.period_s > drive->config.stop_timeout_s;
 }

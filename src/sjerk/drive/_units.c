@@ -1,7 +1,7 @@
 /* Positions of a drive in increments of the encoder and in units of the user, both at once.
  *
  * Invariant of a point, apart from wraps of both:
- *     increments * ratio_units + ratio_increments / 2 = units * ratio_increments + remainder
+ *     increments * scale.units + scale.increments / 2 = units * scale.increments + remainder
  * so nothing drifts, whatever the gear.
  * Never here: motions, words, states.
  */
@@ -11,22 +11,22 @@
 /* Into the range of 607Bh; the full range is the plain wrap of INT32. */
 int64_t sj_point_wrap(const sj_drive *drive, int64_t units)
 {
-    if (drive->range == (int64_t)1 << 32) {
+    if (drive->scale.range == (int64_t)1 << 32) {
         return (int32_t)(uint32_t)(uint64_t)units;
     }
-    const int64_t above = (units - drive->config.range_min) % drive->range;
-    return drive->config.range_min + (above < 0 ? above + drive->range : above);
+    const int64_t above = (units - drive->config.range_min) % drive->scale.range;
+    return drive->config.range_min + (above < 0 ? above + drive->scale.range : above);
 }
 
-/* The short way from one position to another, around the wrap if that is shorter. */
+/* The short distance from one position to another, around the wrap if that is shorter. */
 int64_t sj_point_difference(const sj_drive *drive, int64_t to, int64_t from)
 {
-    int64_t way = (to - from) % drive->range;
+    int64_t distance = (to - from) % drive->scale.range;
 
-    if (way < 0) {
-        way += drive->range;
+    if (distance < 0) {
+        distance += drive->scale.range;
     }
-    return 2 * way >= drive->range ? way - drive->range : way;
+    return 2 * distance >= drive->scale.range ? distance - drive->scale.range : distance;
 }
 
 static int64_t floor_div(int64_t value, int64_t divisor)
@@ -35,29 +35,27 @@ static int64_t floor_div(int64_t value, int64_t divisor)
     return quotient - (value % divisor < 0);
 }
 
-/* Invariant of a point: increments * ratio_units + ratio_increments / 2
- *                       = units * ratio_increments + remainder, apart from wraps of both. */
-void sj_point_move_increments(const sj_drive *drive, sj_drive_point *point, int64_t way)
+void sj_point_move_increments(const sj_drive *drive, sj_drive_point *point, int64_t distance)
 {
-    const int64_t share = way * drive->ratio_units + point->remainder;
-    const int64_t units = floor_div(share, drive->ratio_increments);
+    const int64_t share = distance * drive->scale.units + point->remainder;
+    const int64_t units = floor_div(share, drive->scale.increments);
 
-    point->increments = add_wrapping(point->increments, way);
-    point->remainder = share - units * drive->ratio_increments;
+    point->increments = add_wrapping(point->increments, distance);
+    point->remainder = share - units * drive->scale.increments;
     point->units = sj_point_wrap(drive, point->units + units);
 }
 
-/* The units are met exactly, the increments to the nearest; returns the way in increments. */
-int64_t sj_point_move_units(const sj_drive *drive, sj_drive_point *point, int64_t way)
+/* The units are met exactly, the increments to the nearest; returns the distance in increments. */
+int64_t sj_point_move_units(const sj_drive *drive, sj_drive_point *point, int64_t distance)
 {
     const int64_t wanted =
-        way * drive->ratio_increments - (point->remainder - drive->ratio_increments / 2);
+        distance * drive->scale.increments - (point->remainder - drive->scale.increments / 2);
     const int64_t increments =
-        floor_div(wanted + drive->ratio_units / 2, drive->ratio_units);
+        floor_div(wanted + drive->scale.units / 2, drive->scale.units);
 
-    point->remainder += increments * drive->ratio_units - way * drive->ratio_increments;
+    point->remainder += increments * drive->scale.units - distance * drive->scale.increments;
     point->increments = add_wrapping(point->increments, increments);
-    point->units = sj_point_wrap(drive, point->units + way);
+    point->units = sj_point_wrap(drive, point->units + distance);
     return increments;
 }
 
@@ -65,19 +63,19 @@ void sj_point_set(const sj_drive *drive, sj_drive_point *point, int64_t incremen
 {
     point->increments = increments;
     point->units = sj_point_wrap(drive, units);
-    point->remainder = drive->ratio_increments / 2;
+    point->remainder = drive->scale.increments / 2;
 }
 
 void sj_point_set_home(sj_drive *drive, int64_t increments)
 {
-    const int64_t home = turned(drive, drive->config.home_offset, SJ_POLARITY_POSITION);
-    sj_drive_point *const points[] = {&drive->actual, &drive->demand};
+    const int64_t home = with_polarity(drive, drive->config.home_offset, SJ_POLARITY_POSITION);
+    sj_drive_point *const points[] = {&drive->actual, &drive->demand.point};
 
     for (int i = 0; i < 2; i++) {
         const int64_t now = points[i]->increments;
-        const int64_t way = subtract_wrapping(now, increments) % ((int64_t)1 << 32);
+        const int64_t distance = subtract_wrapping(now, increments) % ((int64_t)1 << 32);
         sj_point_set(drive, points[i], increments, home);
-        sj_point_move_increments(drive, points[i], way);
+        sj_point_move_increments(drive, points[i], distance);
         points[i]->increments = now;
     }
 }

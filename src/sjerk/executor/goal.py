@@ -13,7 +13,7 @@ from typing import Any
 
 from sjerk.errors import InputError, positive, real
 from sjerk.profile import FloatArray
-from sjerk.trajectory import ExecutionMode, Fault, FaultKind, Trajectory, TrajectoryError
+from sjerk.trajectory import ExecutionMode, FaultKind, Trajectory, TrajectoryError, TrajectoryFault
 from sjerk.trajectory.columns import columns_of, seconds
 
 
@@ -149,7 +149,7 @@ def from_message(message: Any) -> tuple[Trajectory, float]:
     _has("trajectory", message, ("joint_names", "points", "header"))
     names, points = list(message.joint_names), list(message.points)
     if not points:
-        raise TrajectoryError([Fault(FaultKind.EMPTY, "no points")])
+        raise TrajectoryError([TrajectoryFault(FaultKind.EMPTY, "no points")])
     for i, point in enumerate(points):
         _has(f"trajectory.points[{i}]", point, _POINT)
     moments = [seconds(point.time_from_start) for point in points]
@@ -183,7 +183,7 @@ def tolerances(
 ) -> list[Tolerance]:
     """One per joint, in order; a joint that the goal does not have is an invalid goal."""
     unknown = [
-        Fault(FaultKind.JOINTS, f"{field} of no joint of the goal", joint=name)
+        TrajectoryFault(FaultKind.JOINTS, f"{field} of no joint of the goal", joint=name)
         for name in own or {}
         if name not in names
     ]

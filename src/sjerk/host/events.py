@@ -19,7 +19,7 @@ class EventKind(IntEnum):
     GOAL = lib.SJ_EVENT_GOAL  #: The kernel has answered a goal.
     STATE = lib.SJ_EVENT_STATE  #: The state of an axis has changed.
     HOST = lib.SJ_EVENT_HOST  #: The host has come, left, died, or become silent.
-    CORRUPT = lib.SJ_EVENT_SPOILT  #: A command or a record in the shared memory is corrupt.
+    CORRUPT = lib.SJ_EVENT_CORRUPT  #: A command or a record in the shared memory is corrupt.
     FAULT = lib.SJ_EVENT_FAULT  #: A drive reports a fault.
     FOLLOWING = lib.SJ_EVENT_FOLLOWING  #: The following error of an axis is beyond its limit.
     LATE = lib.SJ_EVENT_LATE  #: The clock has skipped cycles.

@@ -11,7 +11,7 @@ from enum import IntEnum
 from typing import Any
 
 from sjerk._binding import ffi, lib
-from sjerk.cia402 import State as DriveState
+from sjerk.cia402 import DriveState
 from sjerk.cycle.states import AxisState
 from sjerk.host.timing import ClockReport, Distribution, Timing
 from sjerk.profile import Limits

@@ -176,7 +176,7 @@ class Host(Observer):
         """
         patience(timeout)
         frame = self._link.read()
-        if frame is not None and frame.ring_spoilt:
+        if frame is not None and frame.ring_corrupt:
             self._link.flush()
         number = self._link.count("resets", axis_numbers(axes, self.axis_count))
         self._link.await_taken(number, timeout, "the reset")

@@ -143,7 +143,7 @@ class PathFeeder:
             self._waiting = self._waiting[count:]
             if part["kind"][-1] == lib.SJ_RECORD_SEGMENT:
                 self.fed = int(part["number"][-1])
-                done = link.taken_records - lib.SJ_AHEAD
+                done = link.taken_records - lib.SJ_LOOKAHEAD
                 self._sent = [sent for sent in self._sent if sent[0] > done] + [(number, part)]
             self.complete = bool(part["last"][-1])
         return True

@@ -16,7 +16,7 @@ int64_t  sj_virtual_replay(sj_kernel *kernel, int64_t cycles, const void *frames
                            int64_t command_count, const void *commands, int64_t record_count,
                            const void *records);
 
-/* Ask the system for what `options` says, for the calling thread; `report` tells what it gave. */
+/* Ask the system for what `options` says, for the calling thread; `report` says what it gave. */
 void     sj_clock_prepare(const sj_kernel *kernel, uint64_t bytes, const sj_clock_options *options,
                           sj_clock_report *report);
 /* copy: for rehearsals, or NULL for none. */

@@ -20,7 +20,7 @@ _CAUSES = {
     "drive_fault": lib.SJ_CAUSE_DRIVE_FAULT,
     "following_error": lib.SJ_CAUSE_FOLLOWING_ERROR,
     "overrun": lib.SJ_CAUSE_OVERRUN,
-    "corrupt_command": lib.SJ_CAUSE_SPOILT,
+    "corrupt": lib.SJ_CAUSE_CORRUPT,
     "sync_lost": lib.SJ_CAUSE_SYNC_LOST,
 }
 
@@ -32,7 +32,7 @@ class Reactions:
     ``host_death``: the process of the host has died. ``host_silence``: a host that asked to be
     watched has said nothing for too long. ``drive_fault``: the axis is left to its drive, the
     others react. ``following_error``: beyond ``Axis.following_error``. ``overrun``: the clock has
-    skipped a cycle. ``corrupt_command``: the command in the shared memory is corrupt.
+    skipped a cycle. ``corrupt``: a command or a record in the shared memory is corrupt.
     ``sync_lost``: as ``drive_fault``, where a drive reports that its link or SYNC is lost (603Fh =
     81xxh, 87xxh), or the caller that its process data are stale (``Image.stale``). Raises
     InputError.
@@ -46,7 +46,7 @@ class Reactions:
     drive_fault: Reaction = "halt"
     following_error: Reaction = "quick stop"
     overrun: Reaction = "none"
-    corrupt_command: Reaction = "halt"
+    corrupt: Reaction = "halt"
     sync_lost: Reaction = "halt"
 
     def __post_init__(self) -> None:

@@ -22,7 +22,7 @@
    four is used, each two neighbours with the same signs (_sides.c). Where none serves, all cycles
    keep the smaller jerk, which is legal everywhere.
 
-   Never here: anything but a given length; the search for one is sj_mix_from alone. */
+   Never here: anything but a given duration; the search for one is sj_convex_from alone. */
 #include "_plan.h"
 
 static double path_at(const path *x, int *i, double k)
@@ -34,13 +34,15 @@ static double path_at(const path *x, int *i, double k)
 
 /* Rounding of a distance; in the last few cycles, which leave no freedom, also what a long plan
    left over. */
-static double mix_room(const task *t, double n, double p)
+static double distance_room(const task *t, double n, double p)
 {
     return 2.5e-13 * (fabs(p) + fabs(t->h)) + (n <= 4 ? 3e-11 * (fabs(t->v0) + fabs(t->v1)) : 0);
 }
 
-/* Lands on h by the mix of a path x that falls short and a path y that gets beyond. */
-static void mixed(const task *t, double n, const path *x, double px, const path *y, double py,
+/* z = x + lambda (y - x) at every cycle, which lands on h: x falls short of it, y gets beyond.
+       lambda = (h - px) / (py - px)
+   The nodes of z are those of x and of y. */
+static void combine(const task *t, double n, const path *x, double px, const path *y, double py,
     path *z)
 {
     int ix = 0, iy = 0, gx = 0, gy = 0;
@@ -87,21 +89,21 @@ static void polish(const task *t, path *z)
     for (int s = 0; s < 2; s++) z->a[at[s]] += change[s];
 }
 
-static int mix_put(const task *t, path *z, sj_plan *p)
+static int convex_put(const task *t, path *z, sj_plan *p)
 {
     if (p->count + z->count > SJ_PHASES) return 0;
     polish(t, z);
     sj_path_put(p, z, t);
-    p->kind = SJ_PLAN_MIX;
+    p->kind = SJ_PLAN_CONVEX;
     return 1;
 }
 
-/* Exactly n cycles: the convex mix of the two extremes (one jerk limit: the smaller). */
-static int mix_with(const task *t, double j, double n, double *nearest, summit *m, sj_plan *p)
+/* Exactly n cycles: the convex combination of the two extremes (one jerk limit: the smaller). */
+static int combine_extremes(const task *t, double j, double n, double *nearest, summit *m, sj_plan *p)
 {
     path x, y, z;
     double px = 0, py = 0;
-    /* where the last length fell short of being low enough, look at the low one first */
+    /* where the last duration fell short of being low enough, look at the low one first */
     int low_first = *nearest > -INFINITY;
     for (int i = 0; i < 2; i++) {
         if ((i == 0) == low_first) {
@@ -109,76 +111,76 @@ static int mix_with(const task *t, double j, double n, double *nearest, summit *
             if (!sj_furthest(&o, j, n, &m[1], &x)) return 0;
             for (int k = 0; k < x.count; k++) x.a[k] = -x.a[k];
             px = sj_path_distance(&x, t->v0);
-            if (px > t->h + mix_room(t, n, px)) { *nearest = px; return 0; }
+            if (px > t->h + distance_room(t, n, px)) { *nearest = px; return 0; }
         } else {
             if (!sj_furthest(t, j, n, &m[0], &y)) return 0;
             py = sj_path_distance(&y, t->v0);
-            if (py < t->h - mix_room(t, n, py)) { *nearest = py; return 0; }
+            if (py < t->h - distance_room(t, n, py)) { *nearest = py; return 0; }
         }
     }
-    mixed(t, n, &x, px, &y, py, &z);
-    return mix_put(t, &z, p);
+    combine(t, n, &x, px, &y, py, &z);
+    return convex_put(t, &z, p);
 }
 
-/* A mix of exactly n cycles under two jerks. The paths to mix lie in a chain, each two neighbours
-   with the same signs: furthest up, up without return, down without return, furthest down. */
-static int mix_sides(const task *t, double n, double *nearest, summit *m, sj_plan *p)
+/* Exactly n cycles under two jerks. The paths to combine lie in a chain, each two neighbours with the
+   same signs: furthest up, up without coming back, down without coming back, furthest down. */
+static int combine_sides(const task *t, double n, double *nearest, summit *m, sj_plan *p)
 {
     path up_far, up_near, down_far, down_near, z;
-    double far, near = 0, low, below = 0, room = mix_room(t, n, t->h);
-    /* where the last length fell short of being low enough, look at the low ones first */
+    double far, near = 0, low, below = 0, room = distance_room(t, n, t->h);
+    /* where the last duration fell short of being low enough, look at the low ones first */
     int low_first = *nearest > -INFINITY;
     for (int i = 0; i < 2; i++)
         if ((i == 0) == low_first) {
             task o = mirrored(t);
-            int ok = sj_sides(&o, n, &down_near, &down_far);
+            int ok = sj_side_paths(&o, n, &down_near, &down_far);
             if (ok == 0) return 0;
-            if (ok < 0) return mix_with(t, least(t->ju, t->jd), n, nearest, m, p);
+            if (ok < 0) return combine_extremes(t, least(t->ju, t->jd), n, nearest, m, p);
             for (int k = 0; k < down_far.count; k++) down_far.a[k] = -down_far.a[k];
             for (int k = 0; k < down_near.count; k++) down_near.a[k] = -down_near.a[k];
             low = sj_path_distance(&down_far, t->v0);
             below = sj_path_distance(&down_near, t->v0);
             if (low > t->h + room) { *nearest = low; return 0; }
             if (below >= t->h) {
-                mixed(t, n, &down_far, low, &down_near, below, &z);
-                return mix_put(t, &z, p);
+                combine(t, n, &down_far, low, &down_near, below, &z);
+                return convex_put(t, &z, p);
             }
         } else {
-            int ok = sj_sides(t, n, &up_near, &up_far);
+            int ok = sj_side_paths(t, n, &up_near, &up_far);
             if (ok == 0) return 0;
-            if (ok < 0) return mix_with(t, least(t->ju, t->jd), n, nearest, m, p);
+            if (ok < 0) return combine_extremes(t, least(t->ju, t->jd), n, nearest, m, p);
             far = sj_path_distance(&up_far, t->v0);
             near = sj_path_distance(&up_near, t->v0);
             if (far < t->h - room) { *nearest = far; return 0; }
             if (near <= t->h) {
-                mixed(t, n, &up_near, near, &up_far, far, &z);
-                return mix_put(t, &z, p);
+                combine(t, n, &up_near, near, &up_far, far, &z);
+                return convex_put(t, &z, p);
             }
         }
-    mixed(t, n, &down_near, below, &up_near, near, &z);
-    return mix_put(t, &z, p);
+    combine(t, n, &down_near, below, &up_near, near, &z);
+    return convex_put(t, &z, p);
 }
 
-int sj_mix(const task *t, double n, double *nearest, summit *m, sj_plan *p)
+int sj_convex(const task *t, double n, double *nearest, summit *m, sj_plan *p)
 {
     if (!(n >= 1 && n < 67108864.0)) return 0;
-    return t->ju == t->jd ? mix_with(t, t->ju, n, nearest, m, p) : mix_sides(t, n, nearest, m, p);
+    return t->ju == t->jd ? combine_extremes(t, t->ju, n, nearest, m, p) : combine_sides(t, n, nearest, m, p);
 }
 
-/* The first length from n on that can be mixed, below `longest`; gives up where waiting longer only
-   leads away. Too short a length tells how many cycles at the velocity limit are missing at
-   least. */
-int sj_mix_from(const task *t, double *n, double longest, summit *m, sj_plan *p)
+/* The first duration from n on that serves, below `longest`; gives up where waiting longer only leads
+   away. A duration that is too short shows how many cycles at the velocity limit are missing at
+   least: (h - nearest) / vmax. */
+int sj_convex_from(const task *t, double *n, double longest, summit *m, sj_plan *p)
 {
     double last = INFINITY, at = 0;
-    for (int i = 0; i < LENGTH_STEPS && *n < longest; i++) {
+    for (int i = 0; i < DURATION_STEPS && *n < longest; i++) {
         double nearest = last < INFINITY ? last : -INFINITY, before = nearest, step = 1;
-        if (sj_mix(t, *n, &nearest, m, p)) return 1;
+        if (sj_convex(t, *n, &nearest, m, p)) return 1;
         if (nearest > last) return 0;
         if (nearest != before) {
             if (nearest < t->h) step = up((t->h - nearest) / t->vmax);
             else {
-                /* blocked from above, but coming down ever faster: part of the way at once */
+                /* blocked from above, but coming down ever faster: a part of the cycles at once */
                 if (last < INFINITY && t->ju != t->jd) {
                     step = down(0.6 * (nearest - t->h) / (last - nearest) * (*n - at));
                     step = least(step, least(4, whole(*n / 16)));

@@ -1,14 +1,14 @@
-/* The shortest move from a start that can keep the limits: the ways that lead to the target at once.
+/* The shortest move from a start that can keep the limits: the methods that lead to the target at once.
 
    The lengths come from the continuous optimum, which is one scalar root: ramp, cruise, ramp with the
    peak velocity as unknown (_seven.c), or braking that is eased for a while (by_easing). The latter has
    two levels, b and a, and two linear equations, for the velocity and the distance:
        v1 - v0 - a0 n1 / 2                          = vb b + va a
        h - v0 (n1 + r1) - a0 n1 (r1 / 2 + n1 / 3)   = pb b + pa a.
-   Where no rounding to whole cycles serves, the convex combination of two plans of equal length does
-   (_convex.c). Work is bounded: NEWTON_STEPS per root, LENGTH_STEPS lengths per search.
+   Where no rounding to whole cycles serves, the convex combination of two plans of equal duration does
+   (_convex.c). Work is bounded: NEWTON_STEPS per root, DURATION_STEPS durations per search.
 
-   Never here: a length that is given (_duration.c), what is left to do where all this fails
+   Never here: a duration that is given (_duration.c), what is left to do where all this fails
    (_fallback.c), cycle time. */
 #include "_plan.h"
 
@@ -87,7 +87,7 @@ static int by_easing(const task *t, const family *f, four *s, double *optimum)
     return 0;
 }
 
-/* ---- the ways, best first ---- */
+/* ---- the methods, best first ---- */
 
 /* A seven-phase or four-phase plan of a task in the frame that pushes up; what is known of the
    optimum besides. */
@@ -129,7 +129,7 @@ static int cruise_after_zero(attempt *a, int far)
     sj_begin(&a->head);
     if (u->ju == u->jd || u->a0 >= 0)
         return sj_by_cruise(u, &a->f, a->at_low, far, &a->s, &a->optimum) ? SJ_PLAN_CRUISE : 0;
-    sj_shed(u, &a->head);
+    sj_end_acceleration(u, &a->head);
     family f = sj_family_of(u);
     int found = sj_by_cruise(u, &f, sj_family_distance(u, &f, f.low), far, &a->s, &a->optimum);
     a->optimum += (double)a->head.cycles;
@@ -138,7 +138,7 @@ static int cruise_after_zero(attempt *a, int far)
 
 /* Begins an attempt: the task is turned so that its push is up. Returns whether h lies beyond what the
    lowest peak covers. */
-static int push_up(const task *start, attempt *a)
+static int begin_attempt(const task *start, attempt *a)
 {
     task *t = &a->t;
     *t = *start;
@@ -163,13 +163,13 @@ static int push_up(const task *start, attempt *a)
 task sj_pushed_up(const task *start)
 {
     attempt a;
-    push_up(start, &a);
+    begin_attempt(start, &a);
     return a.t;
 }
 
 static void best_of_phases(const task *start, attempt *a)
 {
-    int beyond = push_up(start, a);
+    int beyond = begin_attempt(start, a);
     sj_begin(&a->head);
     if (beyond || a->f.vz <= a->t.v1)
         a->found = cruise_after_zero(a, 0);
@@ -177,8 +177,8 @@ static void best_of_phases(const task *start, attempt *a)
         a->found = by_easing(&a->t, &a->f, &a->e, &a->optimum) ? SJ_PLAN_EASE : 0;
 }
 
-/* From a start that can keep the limits; 0 where none of these ways serves. In order: seven or four
-   phases; a mix where these are more than two cycles (at rest three) longer than the optimum, or
+/* From a start that can keep the limits; 0 where none of these methods serves. In order: seven or four
+   phases; a convex combination where these are more than two cycles (at rest three) longer than the optimum, or
    missing; a dip of the velocity. */
 int sj_move_direct(const task *start, sj_plan *p)
 {
@@ -190,16 +190,16 @@ int sj_move_direct(const task *start, sj_plan *p)
     if (a.t.a0 < 0 && a.t.v1 < 0 && a.direct > 0 && a.optimum > a.direct + 2
         && a.short_of <= -a.t.a0 / a.t.jd * most(a.t.v0, -a.t.v1)) {
         double m = most(1, up(a.direct));
-        if (sj_mix_from(&a.t, &m, m + 3, both, p)) return 1;
+        if (sj_convex_from(&a.t, &m, m + 3, both, p)) return 1;
     }
     longest = found_cycles(&a);
     if (longest > n + (a.t.a0 == 0 ? 3 : 2)) {
         /* zero on a node, which the head is for, may cost a part of a cycle */
         if (a.head.cycles > 0 && n > 1) n -= 1;
-        if (sj_mix_from(&a.t, &n, longest, both, p)) return 1;
+        if (sj_convex_from(&a.t, &n, longest, both, p)) return 1;
     }
     if (!a.found && a.t.v1 != 0) {
-        /* no whole length near the shortest works: lose time by a dip of the velocity */
+        /* no duration near the shortest works: lose time by a dip of the velocity */
         attempt d;
         summit turned[2] = {both[1], both[0]};
         d.t = mirrored(&a.t);
@@ -208,7 +208,7 @@ int sj_move_direct(const task *start, sj_plan *p)
         d.found = cruise_after_zero(&d, 1);
         n = most(n, up(d.optimum));
         longest = found_cycles(&d);
-        if (longest > n + 2 && sj_mix_from(&d.t, &n, longest, turned, p)) return 1;
+        if (longest > n + 2 && sj_convex_from(&d.t, &n, longest, turned, p)) return 1;
         if (d.found) { found_put(&d, p); return 1; }
     }
     if (!a.found) return 0;

@@ -15,6 +15,7 @@ static double extreme_at(const task *t, double jerk, double n, double s, double 
     return most(most(x, -t->ad), -jerk * (n - k));
 }
 
+/* The nodes of that path: cycles beside its kinks, where the lines of extreme_at meet. */
 static void extreme_path(const task *t, double j, double n, double s, double r, path *x)
 {
     double kink[6], k[14], apex = 0.5 * (s - t->a0 / j);
@@ -53,7 +54,10 @@ static void extreme_path(const task *t, double j, double n, double s, double r, 
 }
 
 /* Velocity change of the furthest path, the falling line crossing zero at s; slope is its change
-   with s. */
+   with s. The sum of the nodes,
+       a0 / 2 + sum of a_k over 1 <= k < n,
+   is one of five arithmetic series: a0 + J k up to k1, A to k2, J (s - k) to k3, -D to k4,
+   -J (n - k). */
 static double extreme_change(const task *t, double j, double n, double s, double *slope)
 {
     double a0 = t->a0, apex = 0.5 * (s - a0 / j), xa = apex, xb = apex, foot = 0.5 * (n + s),
@@ -67,7 +71,7 @@ static double extreme_change(const task *t, double j, double n, double s, double
         - t->ad * (k4 - k3) - j * (n - k4 - 1) * (n - k4) / 2;
 }
 
-/* The same up to the zero crossing only, nodes beyond it at zero. */
+/* The same up to the zero crossing only, nodes beyond it at zero: the first three of the series. */
 double sj_rise_change(double a0, double top, double j, double s, double *slope)
 {
     double apex = 0.5 * (s - a0 / j), xa = apex, xb = apex;
@@ -79,7 +83,7 @@ double sj_rise_change(double a0, double top, double j, double s, double *slope)
 }
 
 /* s at which sj_rise_change is dv; NaN if there is none above lo. */
-static double rise_length(double a0, double top, double j, double dv, double lo)
+static double rise_duration(double a0, double top, double j, double dv, double lo)
 {
     double x = dv + a0 * fabs(a0) / (2 * j), slope, f = 0;
     double hi = INFINITY, s = most(lo, ramp_time(most(0, x), top, j) - a0 / j);
@@ -107,13 +111,13 @@ double sj_velocity_scale(const task *t, double j, double n)
     return least(2 * t->vmax, fabs(t->v0) + n * least(a + most(t->au, t->ad), a + j * n));
 }
 
-/* Cycles up to the velocity limit and down from it: the same for every length, so found once in a
+/* Cycles up to the velocity limit and down from it: the same for every duration, so found once in a
    search. */
 static void find_summit(const task *t, double j, double top, double first, summit *m)
 {
     if (m->known) return;
-    m->s = rise_length(t->a0, t->au, j, top - t->v0, first);
-    m->r = rise_length(0, t->ad, j, top - t->v1, 0);
+    m->s = rise_duration(t->a0, t->au, j, top - t->v0, first);
+    m->r = rise_duration(0, t->ad, j, top - t->v1, 0);
     m->known = 1;
 }
 

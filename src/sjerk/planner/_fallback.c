@@ -1,5 +1,5 @@
 /* Ways that exist where no plan near the optimum does: the acceleration brought to zero first, or a
-   stop, a plan from rest to rest, a wait of any length and the run-up to the target's velocity. The
+   stop, a plan from rest to rest, a wait of any duration and the run-up to the target's velocity. The
    last one always exists, so that a legal request is never refused.
 
    Each asks for a simpler task once (sj_move_direct), so there is no recursion.
@@ -7,9 +7,9 @@
    Never here: the choice of when they are needed (_plan.c). */
 #include "_plan.h"
 
-/* Stop, rest to rest, wait if the plan is to last `length` cycles, run-up: the way that is always
-   there. */
-int sj_by_stopping(const task *start, double length, sj_plan *p)
+/* Stop, rest to rest, wait if the plan is to last `duration` cycles, run-up: what always
+   exists. */
+int sj_by_stopping(const task *start, double duration, sj_plan *p)
 {
     task t = *start, r;
     sj_plan head, runup;
@@ -27,7 +27,7 @@ int sj_by_stopping(const task *start, double length, sj_plan *p)
         t.v1 = 0;
     }
     if (!sj_move_direct(&t, p)) return 0;
-    double wait = length - (double)(p->cycles + runup.cycles);
+    double wait = duration - (double)(p->cycles + runup.cycles);
     if (wait < 0) return 0;
     if (wait < LONGEST) sj_put_cruise(p, &t, wait);
     sj_append(p, &runup);
@@ -35,13 +35,13 @@ int sj_by_stopping(const task *start, double length, sj_plan *p)
     return 1;
 }
 
-/* Acceleration to zero first: serves where the velocity limit, a cycle ahead, leaves no other way.
-   */
-static int by_shedding(const task *start, sj_plan *p)
+/* Acceleration to zero first: serves where the velocity limit, a cycle ahead, leaves nothing
+   else. */
+static int by_ending_acceleration(const task *start, sj_plan *p)
 {
     task t = *start;
     sj_plan q = *p;
-    sj_shed(&t, &q);
+    sj_end_acceleration(&t, &q);
     if (!sj_move_direct(&t, &q)) return 0;
     *p = q;
     return 1;
@@ -50,5 +50,5 @@ static int by_shedding(const task *start, sj_plan *p)
 /* Where sj_move_direct has failed. */
 int sj_fallback(const task *start, sj_plan *p)
 {
-    return (start->a0 != 0 && by_shedding(start, p)) || sj_by_stopping(start, INFINITY, p);
+    return (start->a0 != 0 && by_ending_acceleration(start, p)) || sj_by_stopping(start, INFINITY, p);
 }

@@ -20,7 +20,7 @@ void sj_put(sj_plan *p, double n, double jerk)
         p->phase[p->count - 1].cycles += (int64_t)n;
         return;
     }
-    /* cannot be: the ways add up to fewer; kept for memory's sake */
+    /* cannot be: the methods add up to fewer; kept for memory's sake */
     if (p->count == SJ_PHASES) return;
     p->phase[p->count].cycles = (int64_t)n;
     p->phase[p->count].jerk = jerk;

@@ -9,7 +9,7 @@
 /* relative room for rounding in counts and levels; a tenth of what is promised */
 static const double SLACK = 1e-10;
 enum {
-    NEWTON_STEPS = SJ_ROOT_STEPS, LENGTH_STEPS = SJ_LENGTH_STEPS, SYNC_ROUNDS = SJ_SYNC_ROUNDS,
+    NEWTON_STEPS = SJ_ROOT_STEPS, DURATION_STEPS = SJ_DURATION_STEPS, SYNC_ROUNDS = SJ_SYNC_ROUNDS,
     NODES = 40
 };
 static const double LONGEST = SJ_CYCLES_MAX;
@@ -57,7 +57,8 @@ static inline double most(double a, double b) { return a > b ? a : b; }
 /* Acceleration at whole cycles k, straight between: each piece is a phase. */
 typedef struct { int count; double k[NODES], a[NODES]; } path;
 
-/* Time of a change of velocity x >= 0 between states without acceleration. */
+/* Time of a change of velocity x >= 0 between states without acceleration:
+       x / A + A / J where A is reached (x J >= A^2), else 2 sqrt(x / J). */
 static inline double ramp_time(double x, double amax, double jerk)
 {
     return x * jerk >= amax * amax ? x / amax + amax / jerk : 2 * sqrt(x / jerk);
@@ -94,10 +95,10 @@ void sj_node(path *x, double k, double a);
 int sj_ramp(double v0, double a0, double dv, double vmax, double au, double ad, double j, path *x);
 
 /* _recovery.c */
-int sj_come_back(task *t, sj_plan *p);
-void sj_settle(task *t, sj_plan *p);
-int sj_cross(task *t, sj_plan *p);
-void sj_shed(task *t, sj_plan *p);
+int sj_recover(task *t, sj_plan *p);
+void sj_cross_gently(task *t, sj_plan *p);
+int sj_cross_hard(task *t, sj_plan *p);
+void sj_end_acceleration(task *t, sj_plan *p);
 
 /* _velocity.c */
 int sj_go_to_velocity(task *t, double v, sj_plan *p);
@@ -129,7 +130,7 @@ void sj_even_counts(double x, double z, double amax, double jerk, double *rise, 
 void sj_ramp_counts(double a0, double x, double z, double amax, double jerk, double jerk1,
     double *n1, double *n2, double *n3);
 
-/* What a search for a length has learnt, for both directions: cycles up to the velocity limit, and
+/* What a search for a duration has learnt, for both directions: cycles up to the velocity limit, and
    down from it. */
 typedef struct { int known; double s, r; } summit;
 
@@ -139,16 +140,16 @@ double sj_rise_change(double a0, double top, double j, double s, double *slope);
 int sj_furthest(const task *t, double j, double n, summit *m, path *x);
 
 /* _sides.c */
-int sj_sides(const task *t, double n, path *x, path *y);
+int sj_side_paths(const task *t, double n, path *x, path *y);
 
 /* _convex.c */
-int sj_mix(const task *t, double n, double *nearest, summit *m, sj_plan *p);
-int sj_mix_from(const task *t, double *n, double longest, summit *m, sj_plan *p);
+int sj_convex(const task *t, double n, double *nearest, summit *m, sj_plan *p);
+int sj_convex_from(const task *t, double *n, double longest, summit *m, sj_plan *p);
 
 /* _direct.c */
 task sj_pushed_up(const task *start);
 int sj_move_direct(const task *start, sj_plan *p);
 
 /* _fallback.c */
-int sj_by_stopping(const task *start, double length, sj_plan *p);
+int sj_by_stopping(const task *start, double duration, sj_plan *p);
 int sj_fallback(const task *start, sj_plan *p);

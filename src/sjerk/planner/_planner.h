@@ -3,25 +3,25 @@
 #include <stdint.h>
 #include "base/_types.h"
 
-/* The bound of the work of one plan: steps of any root, lengths tried in any search; and rounds of a
+/* The bound of the work of one plan: steps of any root, durations tried in any search; and rounds of a
  * synchronisation. No recursion, no allocation. */
-enum { SJ_ROOT_STEPS = 40, SJ_LENGTH_STEPS = 6, SJ_SYNC_ROUNDS = 10 };
+enum { SJ_ROOT_STEPS = 40, SJ_DURATION_STEPS = 6, SJ_SYNC_ROUNDS = 10 };
 
 enum sj_plan_status {
     SJ_PLAN_OK = 0,
     SJ_PLAN_INVALID = 1,                /* a number that is none, a limit <= 0, |v1| > velocity */
     SJ_PLAN_TOO_LONG = 2,               /* more than SJ_CYCLES_MAX cycles */
-    SJ_PLAN_BLOCKED = 3                 /* none of exactly this length; the plan is the next longer */
+    SJ_PLAN_BLOCKED = 3                 /* none of exactly this duration; the plan is the next longer */
 };
 
 enum sj_plan_kind {                     /* how it was found */
     SJ_PLAN_WAIT = 0,                   /* nothing to do, or waiting only */
     SJ_PLAN_CRUISE = 1,                 /* ramp, cruise, ramp: seven phases */
     SJ_PLAN_EASE = 2,                   /* braking eased for a while; no zero of the acceleration */
-    SJ_PLAN_MIX = 3,                    /* convex mix of a plan too short and one too far */
+    SJ_PLAN_CONVEX = 3,                 /* convex combination of a plan too short and one too far */
     SJ_PLAN_STOP = 4,                   /* stop first, then from rest: the last resort */
     SJ_PLAN_RAMP = 5,                   /* change of velocity only */
-    SJ_PLAN_RETURN = 8                  /* added: the start was outside its limits */
+    SJ_PLAN_RECOVERY = 8                /* added: the start was outside its limits */
 };
 
 /* From the continuous state (0, v0, a0) to (h, v1, 0), as soon as possible. */

@@ -4,15 +4,17 @@
        a_k = median(low_k, L, high_k),
        low_k = max(a0 - J k, -J (m - k)),  high_k = min(a0 + J k, J (m - k)),
    which changes by at most J a cycle for any real level L: minima and maxima of such sequences are
-   such sequences. The change of velocity grows with L, so m is the smallest length whose range
+   such sequences. The change of velocity grows with L, so m is the smallest duration whose range
    holds it. Where three phases (rise, hold, fall; the paper's T1-T3 with its one level, Eqs.
    9-13) fit the same m, they are used.
 
-   Never here: a distance to be met, a choice between ways. */
+   Never here: a distance to be met, a choice between methods. */
 #include "_plan.h"
 
 /* Velocity change of the ramp of m cycles with level `l`: from a0 at full jerk to l, held, at full
-   jerk to zero. */
+   jerk to zero. The sum of the nodes,
+       a0 / 2 + sum of a_k over 1 <= k < m,
+   with n1 nodes before the level and n3 behind it. */
 static double level_change(double a0, double m, double l, double j, double *n1, double *n3)
 {
     double d = l >= a0 ? j : -j, e = l >= 0 ? j : -j;
@@ -27,7 +29,7 @@ static double level_change(double a0, double m, double l, double j, double *n1, 
 int sj_ramp(double v0, double a0, double dv, double vmax, double au, double ad, double j, path *x)
 {
     x->count = 0;
-    /* change of velocity on the way to zero acceleration */
+    /* change of velocity until the acceleration is zero */
     double z = a0 * fabs(a0) / (2 * j);
     double t;
     if (dv >= z)
@@ -39,7 +41,7 @@ int sj_ramp(double v0, double a0, double dv, double vmax, double au, double ad, 
         if (dv == 0 && a0 == 0) { sj_node(x, 0, a0); return 1; }
         m = 1;
     }
-    for (int i = 0; i < LENGTH_STEPS; i++, m += 1) {
+    for (int i = 0; i < DURATION_STEPS; i++, m += 1) {
         double hi = least(au, (a0 + j * m) / 2), lo = most(-ad, (a0 - j * m) / 2), n1, n3;
         double room = 1e-13 * (fabs(dv) + fabs(z) + fabs(a0));
         double top = level_change(a0, m, hi, j, &n1, &n3);
@@ -63,7 +65,7 @@ int sj_ramp(double v0, double a0, double dv, double vmax, double au, double ad, 
             l = next;
         }
         n1 = whole(fabs(l - a0) / j); n3 = whole(fabs(l) / j);
-        /* three phases when they fit the same length */
+        /* three phases when they fit the same duration */
         double r1 = most(1, up(fabs(l - a0) / j)), r3 = most(1, up(fabs(l) / j)), r2 = m - r1 - r3;
         if (r2 >= 0 && vmax > 0) {
             double level = (dv - r1 * a0 / 2) / ((r1 + r3) / 2 + r2);

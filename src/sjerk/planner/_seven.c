@@ -6,14 +6,18 @@
    In whole cycles the lengths are given. What is left is linear, the paper's Eqs. (11)-(13) for any
    start: one equation for the cruise velocity v, and the level of the first ramp from it,
        h = v0 (m1 - q) + a0 r + v (q + n4 + m2 / 2) + v1 m2 / 2,   m1 = n1 + n2 + n3,
-       a = (v - v0 - n1 a0 / 2) / ((n1 + n3) / 2 + n2).
-   Work is bounded: NEWTON_STEPS per root, LENGTH_STEPS cycles taken away.
+       a = (v - v0 - n1 a0 / 2) / ((n1 + n3) / 2 + n2),
+   where r = n1 ((n2 + n3 - q) / 2 + n1 / 3), and q is the distance of the first ramp from rest to
+   velocity 1, without a0.
+   Work is bounded: NEWTON_STEPS per root, DURATION_STEPS cycles taken away.
 
-   Never here: a choice between ways. */
+   Never here: a choice between methods. */
 #include "_plan.h"
 
 /* ---- in continuous time ---- */
 
+/* With a0 >= 0 the ramp began b = a0 / ju earlier, at vs = v0 - a0 b / 2. With a0 < 0 the acceleration
+   is brought to zero first, in b = -a0 / jd, at vs = v0 + a0 b / 2. */
 family sj_family_of(const task *t)
 {
     family f;
@@ -30,7 +34,8 @@ family sj_family_of(const task *t)
     return f;
 }
 
-/* Distance of ramp up to v and ramp down to v1. */
+/* Distance of ramp up to v and ramp down to v1:
+       p0 + (v + vs) / 2 T(v - vs, au, ju) + (v + v1) / 2 T(v - v1, ad, jd),   T = ramp_time */
 double sj_family_distance(const task *t, const family *f, double v)
 {
     double x1 = most(0, v - f->vs), x2 = most(0, v - t->v1);
@@ -38,7 +43,7 @@ double sj_family_distance(const task *t, const family *f, double v)
         + (v + t->v1) / 2 * ramp_time(x2, t->ad, t->jd);
 }
 
-/* The far root need not exist, and then the way is given up later: few steps serve where it
+/* The far root need not exist, and then the method is given up later: few steps serve where it
    does. */
 enum { FAR_STEPS = 16 };
 
@@ -133,7 +138,8 @@ void sj_seven_put(sj_plan *p, const task *t, const seven *s)
 }
 
 /* Cycles of rise, hold, fall that change the velocity by x from no acceleration toward level z and
-   back: rise and fall are equal. */
+   back: rise and fall are equal.
+       x = level (rise + hold) */
 void sj_even_counts(double x, double z, double amax, double jerk, double *rise, double *hold)
 {
     double best = INFINITY, fewest = most(1, down(z / jerk));
@@ -145,7 +151,8 @@ void sj_even_counts(double x, double z, double amax, double jerk, double *rise, 
 }
 
 /* Cycles of rise (n1), hold (n2), fall (n3) that change the velocity by x from acceleration a0
-   toward level z. */
+   toward level z.
+       x = a0 n1 / 2 + level ((n1 + n3) / 2 + n2) */
 void sj_ramp_counts(double a0, double x, double z, double amax, double jerk, double jerk1,
     double *n1, double *n2, double *n3)
 {
@@ -166,7 +173,7 @@ void sj_ramp_counts(double a0, double x, double z, double amax, double jerk, dou
 /* Takes single cycles away as long as the limits allow; `least_cycles` cannot be undercut. */
 static void seven_shorten(const task *t, seven *s, double least_cycles)
 {
-    for (int round = 0; round < LENGTH_STEPS && seven_cycles(s) - least_cycles >= 1; round++) {
+    for (int round = 0; round < DURATION_STEPS && seven_cycles(s) - least_cycles >= 1; round++) {
         seven c = *s;
         if (s->n4 > 0) { c.n4 -= 1; if (sj_seven_fit(t, &c)) { *s = c; continue; } c.n4 += 1; }
         if (s->n2 > 0) { c.n2 -= 1; if (sj_seven_fit(t, &c)) { *s = c; continue; } c.n2 += 1; }
@@ -180,7 +187,7 @@ static void seven_shorten(const task *t, seven *s, double least_cycles)
 
 /* ---- from the one to the other ---- */
 
-/* Ramp, cruise, ramp with a peak at or above both ends. Sets the continuous optimum's length. */
+/* Ramp, cruise, ramp with a peak at or above both ends. Sets *optimum, the time in continuous time. */
 int sj_by_cruise(const task *t, const family *f, double at_low, int far, seven *s,
     double *optimum)
 {

@@ -10,7 +10,7 @@
 /* One side of zero: from a0 >= 0 as high as possible, then down to zero at the real number s of
    cycles, and zero at the next node. Its nodes are laid from cycle `at` forward (step 1) or
    backward (step -1). */
-static void side(path *x, double at, double step, double way, double a0, double top, double j,
+static void side_path(path *x, double at, double step, double sign, double a0, double top, double j,
     double s)
 {
     double kink[3], k[8], apex = 0.5 * (s - a0 / j), end = whole(s) < s ? whole(s) + 1 : whole(s);
@@ -27,12 +27,12 @@ static void side(path *x, double at, double step, double way, double a0, double 
     for (int i = 0; i < c; i++) {
         double q = k[step > 0 ? i : c - 1 - i];
         double a = most(0, least(least(a0 + j * q, top), j * (s - q)));
-        sj_node(x, at + step * q, way * (q <= 0 ? a0 : a));
+        sj_node(x, at + step * q, sign * (q <= 0 ? a0 : a));
     }
 }
 
-/* The length of a side, in [lo, hi], that changes the velocity by dv. */
-static double side_length(double a0, double top, double j, double dv, double lo, double hi)
+/* The duration of a side, in [lo, hi], that changes the velocity by dv. */
+static double side_duration(double a0, double top, double j, double dv, double lo, double hi)
 {
     double s = ramp_time(most(0, dv + a0 * a0 / (2 * j)), top, j) - a0 / j;
     double slope, tiny = 2e-16 * (fabs(dv) + j + a0 * (hi + 1));
@@ -53,7 +53,7 @@ static double side_length(double a0, double top, double j, double dv, double lo,
 }
 
 /* Without a0 < 0: upward acceleration in the first cycles only, downward in the rest only, zero on
-   the node between. So each side has its own jerk, and the mixes of such paths keep it. y is the
+   the node between. So each side has its own jerk, and combinations of such paths keep it. y is the
    one that gets furthest; x, which has no more velocity than it needs, falls behind. 0: too few
    cycles; -1: zero on a node costs the velocity limit. */
 static int one_crossing(const task *t, double from, double n, path *x, path *y)
@@ -68,7 +68,7 @@ static int one_crossing(const task *t, double from, double n, path *x, path *y)
         r = n - first; zero = first;
         double need = dv + sj_rise_change(0, t->ad, jd, r, &g);
         if (need < carried - room) return 0;
-        s = side_length(a0, t->au, ju, most(need, carried), s0, first);
+        s = side_duration(a0, t->au, ju, most(need, carried), s0, first);
     } else {
         double lo = first, hi = n + 1, m = whole(0.5 * (first + n));
         if (sj_rise_change(a0, t->au, ju, n, &e) < dv - room) return 0;
@@ -85,34 +85,34 @@ static int one_crossing(const task *t, double from, double n, path *x, path *y)
         double ahead = sj_rise_change(a0, t->au, ju, s, &e);
         if (lo < n) {
             double short_drop = sj_rise_change(0, t->ad, jd, r - 1, &g);
-            if (ahead - short_drop >= dv) r = side_length(0, t->ad, jd, ahead - dv, r - 1, r);
+            if (ahead - short_drop >= dv) r = side_duration(0, t->ad, jd, ahead - dv, r - 1, r);
             else {
                 r -= 1; zero += 1;
-                s = side_length(a0, t->au, ju, dv + short_drop, s, zero);
+                s = side_duration(a0, t->au, ju, dv + short_drop, s, zero);
             }
         } else if (fabs(ahead - dv) > room) return 0;
     }
     if (t->v0 + sj_rise_change(a0, t->au, ju, s, &e) > t->vmax) {
         double top = most(t->vmax, t->v0 + carried);
-        s = side_length(a0, t->au, ju, top - t->v0, s0, s);
-        r = side_length(0, t->ad, jd, top - t->v1, 0, r);
+        s = side_duration(a0, t->au, ju, top - t->v0, s0, s);
+        r = side_duration(0, t->ad, jd, top - t->v1, 0, r);
     }
-    side(y, from, 1, 1, a0, t->au, ju, s);
-    side(y, from + n, -1, -1, 0, t->ad, jd, r);
+    side_path(y, from, 1, 1, a0, t->au, ju, s);
+    side_path(y, from + n, -1, -1, 0, t->ad, jd, r);
     sj_node(y, from + n, 0);
     if (dv >= carried) {
-        double l = side_length(a0, t->au, ju, dv, s0, s);
-        side(x, from, 1, 1, a0, t->au, ju, l);
+        double l = side_duration(a0, t->au, ju, dv, s0, s);
+        side_path(x, from, 1, 1, a0, t->au, ju, l);
     } else {
-        side(x, from, 1, 1, a0, t->au, ju, s0);
-        side(x, from + n, -1, -1, 0, t->ad, jd, side_length(0, t->ad, jd, carried - dv, 0, r));
+        side_path(x, from, 1, 1, a0, t->au, ju, s0);
+        side_path(x, from + n, -1, -1, 0, t->ad, jd, side_duration(0, t->ad, jd, carried - dv, 0, r));
     }
     sj_node(x, from + n, 0);
     return 1;
 }
 
-/* Two paths of n cycles to (v1, 0) whose mixes keep both jerks, as one_crossing. */
-int sj_sides(const task *t, double n, path *x, path *y)
+/* Two paths of n cycles to (v1, 0) whose combinations keep both jerks, as one_crossing. */
+int sj_side_paths(const task *t, double n, path *x, path *y)
 {
     x->count = y->count = 0;
     if (t->a0 >= 0) {
@@ -140,8 +140,8 @@ int sj_sides(const task *t, double n, path *x, path *y)
             if (!sj_furthest(t, t->jd, n, &m, y)) return 0;
             for (int i = 0; i < y->count; i++)
                 if (y->a[i] > 0) return 0;
-            double l = side_length(-t->a0, t->ad, t->jd, dv, at_once, n);
-            side(x, 0, 1, -1, -t->a0, t->ad, t->jd, l);
+            double l = side_duration(-t->a0, t->ad, t->jd, dv, at_once, n);
+            side_path(x, 0, 1, -1, -t->a0, t->ad, t->jd, l);
             sj_node(x, n, 0);
         }
     }

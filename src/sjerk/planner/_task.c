@@ -4,7 +4,7 @@
    deceleration jerk against it, whatever the sign of the velocity; the direction is the sign of h, or
    of v1, v0, a0, the first that is not zero.
 
-   Never here: a way to do it. */
+   Never here: how it is done. */
 #include "_plan.h"
 
 int sj_valid(double h, double v0, double a0, double v1, const sj_limits *l)
@@ -21,8 +21,8 @@ int sj_valid(double h, double v0, double a0, double v1, const sj_limits *l)
    zero. */
 task sj_task_of(double h, double v0, double a0, double v1, const sj_limits *l)
 {
-    double way = h != 0 ? h : v1 != 0 ? v1 : v0 != 0 ? v0 : a0;
-    double d = way < 0 ? -1 : 1;
+    double direction = h != 0 ? h : v1 != 0 ? v1 : v0 != 0 ? v0 : a0;
+    double d = direction < 0 ? -1 : 1;
     return (task){d * h, d * v0, d * a0, d * v1, l->velocity, l->acceleration, l->jerk,
                   l->deceleration, l->deceleration_jerk, d, d * a0};
 }

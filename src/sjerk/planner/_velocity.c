@@ -18,7 +18,7 @@ int sj_go_to_velocity(task *t, double v, sj_plan *p)
         double n = whole(a / jz), landed = n * (a - n * jz / 2) + (a - n * jz) / 2;
         if (a > 0 && s * (v - t->v0) >= landed) j = jz;
         else {
-            sj_shed(t, p);
+            sj_end_acceleration(t, p);
             j = v > t->v0 ? t->ju : t->jd;
         }
     }

@@ -30,6 +30,15 @@ def _chunks(path: Path, file: files.Reader, axes: int) -> Iterator[Chunk]:
             yield chunk_of(tables, axes)
 
 
+def _in_present_words(description: Any) -> Any:
+    """The description in a file, which may have been written when ``corrupt`` was ``spoilt``."""
+    reactions = description.get("reactions") if isinstance(description, dict) else None
+    if isinstance(reactions, dict) and "spoilt" in reactions and "corrupt" not in reactions:
+        rest = {cause: value for cause, value in reactions.items() if cause != "spoilt"}
+        description = description | {"reactions": rest | {"corrupt": reactions["spoilt"]}}
+    return description
+
+
 @dataclass(frozen=True)
 class Gap:
     """Cycles that are missing between two that are there; ``items`` of the trace lost there."""
@@ -71,7 +80,7 @@ class Recording:
         path = Path(path)
         with files.decoding(path):
             file = files.reader(path)
-            description = json.loads(file.description)
+            description = _in_present_words(json.loads(file.description))
             found = cls(description, lambda: _chunks(path, file, len(found.axes)), path)
         return found
 

@@ -1,7 +1,7 @@
 """Motion through many points: way-points of N joints, and what leads through them."""
 
-from sjerk.trajectory.faults import Fault, FaultKind, RecordingError, TrajectoryError
-from sjerk.trajectory.files import Recording, read_recording, shipped_recording
+from sjerk.trajectory.faults import FaultKind, RecordedPathError, TrajectoryError, TrajectoryFault
+from sjerk.trajectory.files import RecordedPath, read_recording, shipped_recording
 from sjerk.trajectory.following import follow
 from sjerk.trajectory.segments import Followed, Segment
 from sjerk.trajectory.streaming import GoalStream, StreamReport
@@ -11,17 +11,17 @@ from sjerk.trajectory.untimed import follow_path, follow_stops
 
 __all__ = [
     "ExecutionMode",
-    "Fault",
     "FaultKind",
     "Followed",
     "GoalStream",
-    "Recording",
-    "RecordingError",
+    "RecordedPath",
+    "RecordedPathError",
     "Segment",
     "StreamReport",
     "Thinned",
     "Trajectory",
     "TrajectoryError",
+    "TrajectoryFault",
     "follow",
     "follow_path",
     "follow_stops",

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sjerk.profile import FloatArray
-from sjerk.trajectory.faults import Fault, FaultKind, TrajectoryError
+from sjerk.trajectory.faults import FaultKind, TrajectoryError, TrajectoryFault
 
 
 class Columns(NamedTuple):
@@ -42,7 +42,9 @@ def columns_of(joint_names: Sequence[str], time: ArrayLike, points: Sequence[Any
         for kind in ("positions", "velocities", "accelerations"):
             size = len(getattr(point, kind))
             if size != width and (size or kind == "positions"):
-                faults.append(Fault(FaultKind.SIZE, f"{size} {kind} for {width} joints", i))
+                faults.append(
+                    TrajectoryFault(FaultKind.SIZE, f"{size} {kind} for {width} joints", i)
+                )
     if faults:
         raise TrajectoryError(faults)
     position = np.array([p.positions for p in points], dtype=np.float64)

@@ -18,32 +18,54 @@ from sjerk.profile import FloatArray
 
 
 class FaultKind(enum.Enum):
-    """Why a trajectory is refused; ``code`` is FollowJointTrajectory's error code for it."""
+    """Why a trajectory is refused."""
 
-    EMPTY = "empty"  #: no joints or no points
-    DUPLICATE = "duplicate"  #: a joint is named twice
-    JOINTS = "joints"  #: not the joints that are there
-    SIZE = "size"  #: an array of the wrong shape
+    EMPTY = "empty"
+    """It has no joints or no points."""
+    DUPLICATE = "duplicate"
+    """A joint is named twice."""
+    JOINTS = "joints"
+    """Its joints are not those of the machine."""
+    SIZE = "size"
+    """An array has the wrong shape."""
     NOT_FINITE = "not_finite"
-    TIME = "time"  #: before the start, or not after the point before
-    END_VELOCITY = "end_velocity"  #: the last point does not rest
+    """A number is infinite or not a number."""
+    TIME = "time"
+    """A point is before the start, or not after the point before it."""
+    END_VELOCITY = "end_velocity"
+    """The last point has a velocity."""
     POSITION_LIMIT = "position_limit"
+    """A position is outside its range."""
     VELOCITY_LIMIT = "velocity_limit"
+    """A velocity is beyond its limit."""
     ACCELERATION_LIMIT = "acceleration_limit"
-    JUMP = "jump"  #: the first point is not where the joint is
-    PAST = "past"  #: all of it lies before now
+    """An acceleration is beyond its limit."""
+    JUMP = "jump"
+    """The first point is not where the joint is."""
+    PAST = "past"
+    """The whole trajectory lies before the present."""
 
     @property
     def code(self) -> int:
-        """-1 INVALID_GOAL, -2 INVALID_JOINTS or -3 OLD_HEADER_TIMESTAMP."""
+        """The error code of control_msgs/FollowJointTrajectory.
+
+        -1 INVALID_GOAL, -2 INVALID_JOINTS or -3 OLD_HEADER_TIMESTAMP.
+
+        >>> FaultKind.JUMP.code, FaultKind.JOINTS.code, FaultKind.PAST.code
+        (-1, -2, -3)
+        """
         if self is FaultKind.PAST:
             return -3
         return -2 if self in (FaultKind.JOINTS, FaultKind.DUPLICATE) else -1
 
 
 @dataclass(frozen=True)
-class Fault:
-    """One reason to refuse: ``point`` from 0 and ``joint`` by name, where they apply."""
+class TrajectoryFault:
+    """One reason to refuse a trajectory: ``point`` from 0, ``joint`` by name, where they apply.
+
+    >>> print(TrajectoryFault(FaultKind.TIME, "time = 0.1 s does not follow 0.1 s", 2))
+    point 2: time = 0.1 s does not follow 0.1 s
+    """
 
     kind: FaultKind
     why: str
@@ -59,19 +81,19 @@ class Fault:
 class TrajectoryError(SjerkError, ValueError):
     """A trajectory cannot be used; ``faults`` says why, at least one."""
 
-    def __init__(self, faults: Sequence[Fault]) -> None:
+    def __init__(self, faults: Sequence[TrajectoryFault]) -> None:
         more = f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""
         super().__init__(f"{faults[0]}{more}")
         self.faults = tuple(faults)
 
     @property
     def code(self) -> int:
-        """FollowJointTrajectory's error code of the first fault."""
+        """The error code of control_msgs/FollowJointTrajectory of the first fault."""
         return self.faults[0].kind.code
 
 
-class RecordingError(SjerkError, ValueError):
-    """A recording cannot be used: ``path``, and the ``point`` (from 0) where it fails, or None."""
+class RecordedPathError(SjerkError, ValueError):
+    """A file of a motion cannot be used: ``path``, and the ``point`` from 0 that fails, or None."""
 
     def __init__(self, path: Path, why: str, point: int | None = None) -> None:
         where = f"{path}" if point is None else f"{path}, point {point}"
@@ -83,45 +105,54 @@ class RecordingError(SjerkError, ValueError):
 # ---- checks --------------------------------------------------------------------------------------
 
 
-def array(name: str, value: ArrayLike, faults: list[Fault]) -> FloatArray | None:
+def array(name: str, value: ArrayLike, faults: list[TrajectoryFault]) -> FloatArray | None:
+    """A value as a float64 array of its own; None, and a fault in ``faults``, where it is none."""
     try:
         return np.array(value, dtype=np.float64, order="C")
     except (TypeError, ValueError):
-        faults.append(Fault(FaultKind.SIZE, f"{name}: no regular array of numbers"))
+        faults.append(TrajectoryFault(FaultKind.SIZE, f"{name}: no regular array of numbers"))
         return None
 
 
-def name_faults(names: tuple[str, ...]) -> list[Fault]:
+def name_faults(names: tuple[str, ...]) -> list[TrajectoryFault]:
+    """Faults of the names of joints: none, or one twice."""
     if not names:
-        return [Fault(FaultKind.EMPTY, "no joints")]
+        return [TrajectoryFault(FaultKind.EMPTY, "no joints")]
     twice = sorted({name for name in names if names.count(name) > 1})
-    return [Fault(FaultKind.DUPLICATE, "is named twice", joint=name) for name in twice]
+    return [TrajectoryFault(FaultKind.DUPLICATE, "is named twice", joint=name) for name in twice]
 
 
-def time_faults(time: FloatArray) -> list[Fault]:
+def time_faults(time: FloatArray) -> list[TrajectoryFault]:
+    """Faults of the times (n,): their shape, their values, their order."""
     if time.ndim != 1:
-        return [Fault(FaultKind.SIZE, f"time has shape {time.shape}, must be (n,)")]
+        return [TrajectoryFault(FaultKind.SIZE, f"time has shape {time.shape}, must be (n,)")]
     if not len(time):
-        return [Fault(FaultKind.EMPTY, "no points")]
+        return [TrajectoryFault(FaultKind.EMPTY, "no points")]
     wrong = np.flatnonzero(~np.isfinite(time))
     if len(wrong):
         return [
-            Fault(FaultKind.NOT_FINITE, f"time = {time[i]} is not finite", int(i)) for i in wrong
+            TrajectoryFault(FaultKind.NOT_FINITE, f"time = {time[i]} is not finite", int(i))
+            for i in wrong
         ]
     faults = []
     if time[0] < 0.0:
-        faults.append(Fault(FaultKind.TIME, f"time = {time[0]} s is before the start", 0))
+        faults.append(TrajectoryFault(FaultKind.TIME, f"time = {time[0]} s is before the start", 0))
     for i in np.flatnonzero(np.diff(time) <= 0.0) + 1:
         why = f"time = {time[i]} s does not follow {time[i - 1]} s"
-        faults.append(Fault(FaultKind.TIME, why, int(i)))
+        faults.append(TrajectoryFault(FaultKind.TIME, why, int(i)))
     return faults
 
 
-def row_faults(name: str, rows: FloatArray, points: int, names: tuple[str, ...]) -> list[Fault]:
+def row_faults(
+    name: str, rows: FloatArray, points: int, names: tuple[str, ...]
+) -> list[TrajectoryFault]:
+    """Faults of the rows (n, N) of one kind: their shape, their values."""
     if rows.shape != (points, len(names)):
         why = f"{name} has shape {rows.shape}, must be ({points}, {len(names)})"
-        return [Fault(FaultKind.SIZE, why)]
+        return [TrajectoryFault(FaultKind.SIZE, why)]
     return [
-        Fault(FaultKind.NOT_FINITE, f"{name} = {rows[i, k]} is not finite", int(i), names[int(k)])
+        TrajectoryFault(
+            FaultKind.NOT_FINITE, f"{name} = {rows[i, k]} is not finite", int(i), names[int(k)]
+        )
         for i, k in np.argwhere(~np.isfinite(rows))
     ]

@@ -1,6 +1,6 @@
 """Files of motions: tables (CSV) and ROS 2 bags (MCAP, SQLite), read into arrays, and written.
 
-A ``Recording`` is one joint of a recorded motion in degrees. Never here: what a trajectory is
+A ``RecordedPath`` is one joint of a recorded motion in degrees. Never here: what a trajectory is
 checked for beyond its arrays; profiles, shared memory, drives.
 """
 
@@ -20,12 +20,12 @@ import numpy as np
 from sjerk.errors import ExtraMissingError, InputError
 from sjerk.extras import load
 from sjerk.profile import FloatArray
-from sjerk.trajectory.columns import Columns, columns_of, seconds
+from sjerk.trajectory.columns import Columns, columns_of
 from sjerk.trajectory.faults import (
-    Fault,
     FaultKind,
-    RecordingError,
+    RecordedPathError,
     TrajectoryError,
+    TrajectoryFault,
     row_faults,
     time_faults,
 )
@@ -33,32 +33,50 @@ from sjerk.trajectory.faults import (
 CSV_HEADER = ["time_s", "position_deg"]
 
 
+class Point(NamedTuple):
+    """One way-point of a message; ``stamped``: its time is when it was recorded."""
+
+    time: float
+    stamped: bool
+    positions: Sequence[float]
+    velocities: Sequence[float]
+    accelerations: Sequence[float]
+
+
+#: Joint names and points of one message.
+Message = tuple[list[str], list[Point]]
+
+
 # ---- trajectories --------------------------------------------------------------------------------
 
 
 def read_table(path: Path) -> Columns:
-    """The columns of a CSV file, see ``Trajectory.from_csv``."""
+    """The columns of a CSV file, as ``Trajectory.from_csv`` describes it; raises as that does."""
     if not path.exists():
-        raise RecordingError(path, "no such file")
+        raise RecordedPathError(path, "no such file")
     try:
         header, table = _numbers(path)
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise RecordingError(path, f"cannot be read ({error})") from error
+        raise RecordedPathError(path, f"cannot be read ({error})") from error
     if not header or header[0] not in ("time", "time_s"):
         raise TrajectoryError(
-            [Fault(FaultKind.SIZE, f"{path}: the header {header} does not begin with 'time'")]
+            [
+                TrajectoryFault(
+                    FaultKind.SIZE, f"{path}: the header {header} does not begin with 'time'"
+                )
+            ]
         )
     names = [name for name in header[1:] if not name.endswith((".velocity", ".acceleration"))]
     columns = {name: table[:, i] for i, name in enumerate(header)}
     if len(columns) != len(header):
         twice = next(name for name in header if header.count(name) > 1)
-        raise TrajectoryError([Fault(FaultKind.DUPLICATE, "is named twice", joint=twice)])
+        raise TrajectoryError([TrajectoryFault(FaultKind.DUPLICATE, "is named twice", joint=twice)])
     further: list[FloatArray | None] = []
     for kind in ("velocity", "acceleration"):
         there = [f"{name}.{kind}" in columns for name in names]
         if any(there) and not all(there):
             without = names[there.index(False)]
-            raise TrajectoryError([Fault(FaultKind.SIZE, f"no {kind}", joint=without)])
+            raise TrajectoryError([TrajectoryFault(FaultKind.SIZE, f"no {kind}", joint=without)])
         further.append(
             np.column_stack([columns[f"{name}.{kind}"] for name in names]) if any(there) else None
         )
@@ -67,7 +85,7 @@ def read_table(path: Path) -> Columns:
     }
     if unknown:
         raise TrajectoryError(
-            [Fault(FaultKind.SIZE, "has no position", joint=n) for n in sorted(unknown)]
+            [TrajectoryFault(FaultKind.SIZE, "has no position", joint=n) for n in sorted(unknown)]
         )
     position = np.column_stack([columns[n] for n in names]) if names else np.empty((len(table), 0))
     return Columns(names, table[:, 0], position, *further)
@@ -88,9 +106,9 @@ def write_table(path: Path, columns: Columns) -> None:
 
 
 def read_bag(path: Path) -> Columns:
-    """The columns of the first trajectory in a ROS 2 bag, see ``Trajectory.from_bag``."""
+    """The columns of the first trajectory in a ROS 2 bag; raises as ``Trajectory.from_bag``."""
     if not path.exists():
-        raise RecordingError(path, "no such file")
+        raise RecordedPathError(path, "no such file")
     names, points = _points(path)
     time = np.array([point.time for point in points])
     if points and points[0].stamped:
@@ -102,8 +120,13 @@ def read_bag(path: Path) -> Columns:
 
 
 @dataclass(frozen=True)
-class Recording:
-    """One joint's recorded path: ``time`` (n,) in seconds from 0, ``position`` (n,) in degrees."""
+class RecordedPath:
+    """The recorded path of one joint: ``time`` (n,) in s from 0, ``position`` (n,) in degrees.
+
+    >>> path = read_recording(shipped_recording().with_name("panda_joint1.csv"))
+    >>> path.joint, len(path.time), float(path.position[-1])
+    ('panda_joint1', 54, 160.0)
+    """
 
     joint: str
     time: FloatArray
@@ -119,47 +142,47 @@ def shipped_recording() -> Path:
     return Path(str(files("sjerk") / "data" / name))
 
 
-def read_recording(path: str | Path, *, joint: str | None = None) -> Recording:
+def read_recording(path: str | Path, *, joint: str | None = None) -> RecordedPath:
     """Read a time-parameterised path of one joint.
 
     ``path``: a CSV file with the header ``time_s,position_deg``, or a ROS 2 bag (MCAP or SQLite,
     file or folder) with JointTrajectory or JointState messages in radians; ``joint`` is then the
     joint's name (default: the first). Bags need the extra ``demo`` (rosbags).
 
-    Raises RecordingError: no such file, no points, not numbers, time not increasing.
+    Raises RecordedPathError: no such file, no points, not numbers, time not increasing.
     """
     path = Path(path)
     if not path.exists():
-        raise RecordingError(path, "no such file")
+        raise RecordedPathError(path, "no such file")
     try:
         found = _read_csv(path) if path.suffix.lower() == ".csv" else _read_bag(path, joint)
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise RecordingError(path, f"cannot be read ({error})") from error
+        raise RecordedPathError(path, f"cannot be read ({error})") from error
     return _checked(path, found)
 
 
-def _checked(path: Path, recording: Recording) -> Recording:
+def _checked(path: Path, recording: RecordedPath) -> RecordedPath:
     time, position = recording.time, recording.position
     if len(time) < 2:
-        raise RecordingError(path, f"{len(time)} points, at least 2 are needed")
+        raise RecordedPathError(path, f"{len(time)} points, at least 2 are needed")
     time, names = time - time[0], (recording.joint,)
     faults = time_faults(time) or row_faults("position", position[:, None], len(time), names)
     if faults:
-        raise RecordingError(path, faults[0].why, faults[0].point)
-    return Recording(recording.joint, time, position)
+        raise RecordedPathError(path, faults[0].why, faults[0].point)
+    return RecordedPath(recording.joint, time, position)
 
 
-def _read_csv(path: Path) -> Recording:
+def _read_csv(path: Path) -> RecordedPath:
     with path.open(newline="") as file:
         header = [cell.strip() for cell in next(csv.reader(file), [])]
     if header != CSV_HEADER:
-        raise RecordingError(path, f"the header is {header}, not {CSV_HEADER}")
+        raise RecordedPathError(path, f"the header is {header}, not {CSV_HEADER}")
     try:
         _, table = _numbers(path)
     except TrajectoryError as error:
         first = error.faults[0]
-        raise RecordingError(path, first.why, first.point) from None
-    return Recording(path.stem, table[:, 0].copy(), table[:, 1].copy())
+        raise RecordedPathError(path, first.why, first.point) from None
+    return RecordedPath(path.stem, table[:, 0].copy(), table[:, 1].copy())
 
 
 _COUNTS = ("no", "one", "two", "three")
@@ -178,74 +201,44 @@ def _numbers(path: Path) -> tuple[list[str], FloatArray]:
             except ValueError:
                 numbers = []
             if len(numbers) != len(header):
-                raise TrajectoryError([Fault(FaultKind.SIZE, f"{row} is not {count} numbers", i)])
+                raise TrajectoryError(
+                    [TrajectoryFault(FaultKind.SIZE, f"{row} is not {count} numbers", i)]
+                )
             rows.append(numbers)
     return header, np.array(rows, dtype=np.float64).reshape(len(rows), len(header))
 
 
-class _Point(NamedTuple):
-    """One way-point of a message; ``stamped``: its time is when it was recorded."""
-
-    time: float
-    stamped: bool
-    positions: Sequence[float]
-    velocities: Sequence[float]
-    accelerations: Sequence[float]
-
-
-def _messages(path: Path) -> Iterator[tuple[list[str], list[_Point]]]:
+def _messages(path: Path) -> Iterator[Message]:
     """Joint names and points of each message; a JointTrajectory is a whole motion and the last."""
     try:
-        highlevel = load("rosbags.highlevel", extra="demo")
-        typesys = load("rosbags.typesys", extra="demo")
+        bags = load("sjerk.trajectory.bags", extra="demo")
     except ExtraMissingError as missing:
-        raise RecordingError(
+        raise RecordedPathError(
             path, "reading a bag needs rosbags (pip install 'sjerk[demo]'); a CSV does not"
         ) from missing
     try:
-        types = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
-        with highlevel.AnyReader([path], default_typestore=types) as bag:
-            for connection, stamp, raw in bag.messages():
-                kind = connection.msgtype
-                if kind == "trajectory_msgs/msg/JointTrajectory":
-                    message: Any = bag.deserialize(raw, kind)
-                    points = [
-                        _Point(
-                            seconds(p.time_from_start),
-                            False,
-                            p.positions,
-                            p.velocities,
-                            p.accelerations,
-                        )
-                        for p in message.points
-                    ]
-                    yield list(message.joint_names), points
-                    return
-                if kind == "sensor_msgs/msg/JointState":
-                    message = bag.deserialize(raw, kind)
-                    point = _Point(stamp * 1e-9, True, message.position, message.velocity, ())
-                    yield list(message.name), [point]
-    except (highlevel.AnyReaderError, OSError) as error:
-        raise RecordingError(path, f"is no readable bag ({error})") from error
+        yield from bags.messages(path)
+    except bags.BagErrors as error:
+        raise RecordedPathError(path, f"is no readable bag ({error})") from error
 
 
-def _points(path: Path) -> tuple[list[str], list[_Point]]:
+def _points(path: Path) -> tuple[list[str], list[Point]]:
     """All points of the motion in a bag, in the joint order of its first message."""
     names: list[str] | None = None
-    points: list[_Point] = []
+    points: list[Point] = []
     for joints, more in _messages(path):
         if names is None:
             names = joints
         elif joints != names:
             why = f"names {', '.join(joints)}, the first {', '.join(names)}"
-            raise TrajectoryError([Fault(FaultKind.JOINTS, why, len(points))])
+            raise TrajectoryError([TrajectoryFault(FaultKind.JOINTS, why, len(points))])
         points += more
     if names is None:
-        raise RecordingError(path, "holds no JointTrajectory and no JointState")
+        raise RecordedPathError(path, "holds no JointTrajectory and no JointState")
     return names, points
 
 
-def _read_bag(path: Path, joint: str | None) -> Recording:
+def _read_bag(path: Path, joint: str | None) -> RecordedPath:
     rows: list[tuple[float, float]] = []
     name = joint
     for joints, points in _messages(path):
@@ -255,14 +248,14 @@ def _read_bag(path: Path, joint: str | None) -> Recording:
             for i, point in enumerate(points)
         ]
     if name is None or not rows:
-        raise RecordingError(path, "holds no JointTrajectory and no JointState")
+        raise RecordedPathError(path, "holds no JointTrajectory and no JointState")
     columns = np.array(rows).T.copy()
-    return Recording(name, columns[0], np.degrees(columns[1]))
+    return RecordedPath(name, columns[0], np.degrees(columns[1]))
 
 
 def _column(path: Path, names: list[str], joint: str | None) -> tuple[str, int]:
     if not names:
-        raise RecordingError(path, "a message names no joints")
+        raise RecordedPathError(path, "a message names no joints")
     if joint is None:
         return names[0], 0
     if joint not in names:
@@ -272,10 +265,10 @@ def _column(path: Path, names: list[str], joint: str | None) -> tuple[str, int]:
 
 def _pick(path: Path, positions: Any, column: int, point: int) -> float:
     if column >= len(positions):
-        raise RecordingError(
+        raise RecordedPathError(
             path, f"has {len(positions)} positions, joint {column} is missing", point
         )
     value = float(positions[column])
     if not math.isfinite(value):
-        raise RecordingError(path, f"position = {value} is not finite", point)
+        raise RecordedPathError(path, f"position = {value} is not finite", point)
     return value

@@ -18,9 +18,9 @@ from sjerk.errors import InputError, positive
 from sjerk.profile import FloatArray, Limits
 from sjerk.trajectory.columns import Columns
 from sjerk.trajectory.faults import (
-    Fault,
     FaultKind,
     TrajectoryError,
+    TrajectoryFault,
     array,
     name_faults,
     row_faults,
@@ -35,8 +35,10 @@ RELATIVE = 1e-9
 class ExecutionMode(enum.Enum):
     """What an executor takes from a trajectory."""
 
-    SINGLE_POINT = "single_point"  #: only the last point, by one planned move
-    FULL_TRAJECTORY = "full_trajectory"  #: every (resampled) way-point
+    SINGLE_POINT = "single_point"
+    """Only the last point, by one planned move."""
+    FULL_TRAJECTORY = "full_trajectory"
+    """Every way-point, or those that resampling keeps."""
 
 
 # ---- the trajectory ------------------------------------------------------------------------------
@@ -78,7 +80,7 @@ class Trajectory:
         if isinstance(joint_names, str):
             raise InputError("joint_names", joint_names, "must be a sequence of names")
         names = tuple(map(str, joint_names))
-        faults: list[Fault] = []
+        faults: list[TrajectoryFault] = []
         moments = array("time", time, faults)
         rows = {
             "position": array("position", position, faults),
@@ -156,7 +158,7 @@ class Trajectory:
         end_velocity_allowed: bool = False,
         begins: float | None = None,
         now: float = 0.0,
-    ) -> tuple[Fault, ...]:
+    ) -> tuple[TrajectoryFault, ...]:
         """Return every reason to refuse this trajectory on a machine; empty if there is none.
 
         ``limits``: one per joint, in the order of ``joint_names`` or by name: positions, and
@@ -170,7 +172,7 @@ class Trajectory:
         >>> [(f.kind.value, f.point, f.joint) for f in far.faults([reach], start=[0.5])]
         [('position_limit', 1, 'a'), ('jump', 0, 'a')]
         """
-        found: list[Fault] = []
+        found: list[TrajectoryFault] = []
         if joints is not None:
             found += self._joint_faults(tuple(joints))
         if limits is not None:
@@ -182,10 +184,10 @@ class Trajectory:
             for joint, speed in zip(self.joint_names, self.velocity[-1], strict=True):
                 if speed != 0.0:
                     why = f"velocity = {speed} at the end, must be 0"
-                    found.append(Fault(FaultKind.END_VELOCITY, why, last, joint))
+                    found.append(TrajectoryFault(FaultKind.END_VELOCITY, why, last, joint))
         if begins is not None and begins + self.duration < now:
             why = f"ended {now - begins - self.duration:g} s ago"
-            found.append(Fault(FaultKind.PAST, why, len(self) - 1))
+            found.append(TrajectoryFault(FaultKind.PAST, why, len(self) - 1))
         return tuple(found)
 
     def check(
@@ -196,13 +198,13 @@ class Trajectory:
         if found:
             raise TrajectoryError(found)
 
-    def _joint_faults(self, joints: tuple[str, ...]) -> list[Fault]:
+    def _joint_faults(self, joints: tuple[str, ...]) -> list[TrajectoryFault]:
         return [
-            Fault(FaultKind.JOINTS, f"is not one of {', '.join(joints)}", joint=joint)
+            TrajectoryFault(FaultKind.JOINTS, f"is not one of {', '.join(joints)}", joint=joint)
             for joint in self.joint_names
             if joint not in joints
         ] + [
-            Fault(FaultKind.JOINTS, "is missing", joint=joint)
+            TrajectoryFault(FaultKind.JOINTS, "is missing", joint=joint)
             for joint in joints
             if joint not in self.joint_names
         ]
@@ -219,7 +221,9 @@ class Trajectory:
             raise InputError("limits", len(limits), f"must be one per joint: {most}")
         return list(limits)
 
-    def _limit_faults(self, limits: Sequence[Limits] | Mapping[str, Limits]) -> list[Fault]:
+    def _limit_faults(
+        self, limits: Sequence[Limits] | Mapping[str, Limits]
+    ) -> list[TrajectoryFault]:
         found = []
         for i, (joint, limit) in enumerate(
             zip(self.joint_names, self.limits_in_order(limits), strict=True)
@@ -230,7 +234,7 @@ class Trajectory:
                     (self.position[:, i] < low) | (self.position[:, i] > high)
                 ):
                     why = f"position = {self.position[point, i]} lies outside {limit.position}"
-                    found.append(Fault(FaultKind.POSITION_LIMIT, why, int(point), joint))
+                    found.append(TrajectoryFault(FaultKind.POSITION_LIMIT, why, int(point), joint))
             steepest = max(limit.acceleration, limit.braking[0])
             for kind, name, column, most in (
                 (FaultKind.VELOCITY_LIMIT, "velocity", self.velocity, limit.velocity),
@@ -239,17 +243,19 @@ class Trajectory:
                 if column is not None:
                     for point in np.flatnonzero(np.abs(column[:, i]) > most * (1.0 + RELATIVE)):
                         why = f"{name} = {column[point, i]} exceeds {most}"
-                        found.append(Fault(kind, why, int(point), joint))
+                        found.append(TrajectoryFault(kind, why, int(point), joint))
         return found
 
-    def _jump_faults(self, start: ArrayLike, tolerance: float) -> list[Fault]:
+    def _jump_faults(self, start: ArrayLike, tolerance: float) -> list[TrajectoryFault]:
         here = np.asarray(start, dtype=np.float64)
         if here.shape != (len(self.joint_names),):
             raise InputError("start", here.shape, f"must have shape ({len(self.joint_names)},)")
         if self.time[0] > 0.0:
             return []
         return [
-            Fault(FaultKind.JUMP, f"position = {there}, the joint is at {where}", 0, joint)
+            TrajectoryFault(
+                FaultKind.JUMP, f"position = {there}, the joint is at {where}", 0, joint
+            )
             for joint, there, where in zip(self.joint_names, self.position[0], here, strict=True)
             if not abs(there - where) <= tolerance
         ]
@@ -261,7 +267,7 @@ class Trajectory:
         """Read a table: ``time`` (or ``time_s``), then per joint its name, ``name.velocity``, ....
 
         Velocities and accelerations are for all joints or for none. Raises TrajectoryError, with
-        the point where a row is not numbers; RecordingError where there is no file, or no text.
+        the point where a row is not numbers; RecordedPathError where there is no file, or no text.
         """
         return cls(*read_table(Path(path)))
 
@@ -277,8 +283,8 @@ class Trajectory:
         """Read a ROS 2 bag (MCAP or SQLite, file or folder): the first JointTrajectory in it.
 
         Without one, its JointState messages are a path, by the stamps they were recorded at. Needs
-        the extra ``demo`` (rosbags). Raises RecordingError for what is no bag, TrajectoryError with
-        point and joint for what is no trajectory.
+        the extra ``demo`` (rosbags). Raises RecordedPathError for what is no bag, TrajectoryError
+        with point and joint for what is no trajectory.
         """
         return cls(*read_bag(Path(path)))
 

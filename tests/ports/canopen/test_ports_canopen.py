@@ -17,7 +17,7 @@ from helpers.canopen_judge import DEMANDS, NODE, Bench
 from helpers.root import program
 from sjerk.cia402 import Drive
 from sjerk.drive.device import Device
-from sjerk.ports.canopen.node import Node, sender
+from sjerk.ports.canopen import Node, sender
 
 
 @pytest.fixture

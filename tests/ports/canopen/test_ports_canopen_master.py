@@ -18,8 +18,7 @@ from sjerk import Axis, Drive, InputError, Limits, MotionKernel, SjerkError
 from sjerk.cycle.states import AxisState
 from sjerk.drive.device import Device
 from sjerk.host import EventKind, MoveState
-from sjerk.ports.canopen.master import MASTER, Master, SdoClient
-from sjerk.ports.canopen.node import Node, sender
+from sjerk.ports.canopen import MASTER, Master, Node, SdoClient, sender
 
 T = 5e-3
 COUNTS = 2**24 / 360.0

@@ -13,11 +13,10 @@ from pathlib import Path
 import pytest
 
 from sjerk.__main__ import main
-from sjerk.cia402 import Drive, State
+from sjerk.cia402 import Drive, DriveState
 from sjerk.drive.device import Device
 from sjerk.drive.objects import DISABLED, Abort
-from sjerk.ports import canopen as port
-from sjerk.ports.canopen.node import Node, SdoServer
+from sjerk.ports.canopen import NmtState, Node, SdoServer
 
 NODE = 5
 
@@ -86,7 +85,7 @@ def test_boot_up_is_the_first_frame() -> None:
     """700h + id with one zero byte, then Pre-operational."""
     wire = Wire()
     assert wire.sent == [(0x705, b"\0")]
-    assert wire.node.nmt == port.PRE_OPERATIONAL
+    assert wire.node.nmt == NmtState.PRE_OPERATIONAL
 
 
 def test_expedited_transfers() -> None:
@@ -176,17 +175,17 @@ def test_network_management_moves_the_node() -> None:
     """Start, stop, pre-operational, both resets; other nodes' commands are not ours."""
     wire = Wire()
     for command, state in (
-        (0x01, port.OPERATIONAL),
-        (0x80, port.PRE_OPERATIONAL),
-        (0x02, port.STOPPED),
-        (0x82, port.PRE_OPERATIONAL),
+        (0x01, NmtState.OPERATIONAL),
+        (0x80, NmtState.PRE_OPERATIONAL),
+        (0x02, NmtState.STOPPED),
+        (0x82, NmtState.PRE_OPERATIONAL),
     ):
         wire.put(0, bytes((command, NODE)))
         assert wire.node.nmt == state
     wire.put(0, bytes((0x01, NODE + 1)))
     wire.put(0, bytes((0x55, NODE)))
     wire.put(0, b"\1")
-    assert wire.node.nmt == port.PRE_OPERATIONAL
+    assert wire.node.nmt == NmtState.PRE_OPERATIONAL
     wire.write(0x605A, 0, 6)
     wire.write(0x1017, 0, 500)
     wire.put(0, bytes((0x82, 0)))
@@ -204,7 +203,7 @@ def test_a_stopped_node_answers_nothing_and_its_drive_reacts() -> None:
     wire.put(0x600 + NODE, bytes((0x40, 0, 0x10, 0, 0, 0, 0, 0)))
     assert not wire.take(0x585)
     wire.pass_time(1.0)
-    assert wire.device.feedback.state is State.FAULT
+    assert wire.device.feedback.state is DriveState.FAULT
     assert wire.device.feedback.error_code == 0x8130
 
 
@@ -251,7 +250,7 @@ def test_each_sync_is_a_period_and_a_tpdo() -> None:
     assert wire.device.drive.cycles == cycles + 1
     (tpdo,) = wire.take(0x185)
     word, mode, position = struct.unpack("<Hbi", tpdo)
-    assert State.of(word) is State.READY_TO_SWITCH_ON
+    assert DriveState.of(word) is DriveState.READY_TO_SWITCH_ON
     assert (mode, position) == (8, 0)
     wire.write(0x1800, 2, 4)
     for _ in range(12):
@@ -283,7 +282,7 @@ def test_event_driven_pdos_need_no_sync() -> None:
     wire.put(0x205, struct.pack("<Hbi", 6, 8, 0))
     wire.pass_time(0.01)
     (tpdo,) = wire.take(0x185)
-    assert State.of(tpdo[0] | tpdo[1] << 8) is State.READY_TO_SWITCH_ON
+    assert DriveState.of(tpdo[0] | tpdo[1] << 8) is DriveState.READY_TO_SWITCH_ON
     wire.write(0x1800, 5, 100)
     wire.pass_time(1.0)
     assert 9 <= len(wire.take(0x185)) <= 11
@@ -396,15 +395,15 @@ def test_an_emergency_tells_a_fault_and_its_end() -> None:
 def test_states_are_announced() -> None:
     """The present one and each that follows, once."""
     wire = Wire()
-    seen: list[State] = []
+    seen: list[DriveState] = []
     wire.node.announce(seen.append)
     wire.enable()
     wire.sync(0x0F)
     assert seen == [
-        State.SWITCH_ON_DISABLED,
-        State.READY_TO_SWITCH_ON,
-        State.SWITCHED_ON,
-        State.OPERATION_ENABLED,
+        DriveState.SWITCH_ON_DISABLED,
+        DriveState.READY_TO_SWITCH_ON,
+        DriveState.SWITCHED_ON,
+        DriveState.OPERATION_ENABLED,
     ]
 
 
@@ -413,7 +412,7 @@ def test_foreign_frames_are_ignored() -> None:
     wire = Wire()
     wire.node.take(Frame(0, bytearray((1, 0)), is_extended_id=True), 0.0)
     wire.node.take(Frame(0, bytearray((1, 0)), is_error_frame=True), 0.0)
-    assert wire.node.nmt == port.PRE_OPERATIONAL
+    assert wire.node.nmt == NmtState.PRE_OPERATIONAL
 
 
 def command(*more: str) -> list[str]:
@@ -470,6 +469,7 @@ def test_without_the_extra_the_command_says_what_to_install(
             raise ImportError(name)
         return real(name, *rest)  # type: ignore[arg-type]
 
+    monkeypatch.delitem(sys.modules, "sjerk.ports.canopen.bus", raising=False)
     monkeypatch.setattr(builtins, "__import__", refuse)
     assert main(["drive"]) == 1
     assert "sjerk[canopen]" in capsys.readouterr().err
