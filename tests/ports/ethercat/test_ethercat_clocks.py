@@ -5,10 +5,10 @@ from __future__ import annotations
 import struct
 
 import pytest
-from ethercat_bench import BWR, FRMW, MS, Bench
 from hypothesis import given
 from hypothesis import strategies as st
 
+from helpers.ethercat_bench import BWR, FRMW, MS, Bench
 from sjerk.ports.ethercat import BEHAVIOURS, Behaviour
 
 HOP = 700

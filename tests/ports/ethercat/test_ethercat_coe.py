@@ -5,11 +5,11 @@ from __future__ import annotations
 import struct
 
 import pytest
-from ethercat_bench import MS, Bench, MailFaultError, SdoAbortError
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sjerk.cia402 import Fault
+from helpers.ethercat_bench import MS, Bench, MailFaultError, SdoAbortError
+from sjerk.drive import DriveFault
 from sjerk.drive.objects import OBJECTS
 from sjerk.ports.ethercat import BEHAVIOURS, Behaviour, Line
 
@@ -362,21 +362,21 @@ def test_faults_come_as_emergencies_and_go_as_their_end() -> None:
     """603Fh and 1001h in the emergency; code 0000h when the fault is reset; 1003h keeps it."""
     bench = Bench()
     bench.to_op(0)
-    bench.line.inject(0, Fault.OVER_CURRENT)
+    bench.line.inject(0, DriveFault.OVER_CURRENT)
     for _ in range(3):
         bench.exchange(0, b"")
     mail = bench.fetch(0)
     assert mail is not None
-    assert struct.unpack_from("<HHB", mail, 6)[:2] == (0x1000, Fault.OVER_CURRENT.code)
+    assert struct.unpack_from("<HHB", mail, 6)[:2] == (0x1000, DriveFault.OVER_CURRENT.code)
     assert mail[10] == bench.upload(0, 0x1001, 0)[0] != 0
-    bench.line.inject(0, Fault.OVER_CURRENT, False)
+    bench.line.inject(0, DriveFault.OVER_CURRENT, False)
     for word in (0x0000, 0x0080, 0x0000):
         for _ in range(3):
             bench.exchange(0, struct.pack("<Hb", word, 8))
     mail = bench.fetch(0)
     assert mail is not None
     assert struct.unpack_from("<HHB", mail, 6) == (0x1000, 0, 0)
-    assert bench.upload(0, 0x1003, 1)[:2] == struct.pack("<H", Fault.OVER_CURRENT.code)
+    assert bench.upload(0, 0x1003, 1)[:2] == struct.pack("<H", DriveFault.OVER_CURRENT.code)
 
 
 def test_nobody_reads_and_nothing_grows() -> None:
@@ -385,9 +385,9 @@ def test_nobody_reads_and_nothing_grows() -> None:
     bench = Bench(line)
     bench.to_op(0)
     for _ in range(700):
-        line.inject(0, Fault.OVER_CURRENT)
+        line.inject(0, DriveFault.OVER_CURRENT)
         bench.exchange(0, struct.pack("<Hb", 0, 8))
-        line.inject(0, Fault.OVER_CURRENT, False)
+        line.inject(0, DriveFault.OVER_CURRENT, False)
         bench.exchange(0, struct.pack("<Hb", 0x80, 8))
     mails = 0
     while bench.fetch(0) is not None:

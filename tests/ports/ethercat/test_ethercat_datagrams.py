@@ -5,7 +5,10 @@ from __future__ import annotations
 import struct
 
 import pytest
-from ethercat_bench import (
+from hypothesis import given
+from hypothesis import strategies as st
+
+from helpers.ethercat_bench import (
     APRD,
     APRW,
     APWR,
@@ -26,9 +29,6 @@ from ethercat_bench import (
     compose,
     take_apart,
 )  # fmt: skip
-from hypothesis import given
-from hypothesis import strategies as st
-
 from sjerk.ports.ethercat import Line
 
 RAM = 0x1900  # process RAM that no SyncManager owns

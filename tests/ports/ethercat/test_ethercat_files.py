@@ -9,8 +9,8 @@ import xml.etree.ElementTree as Xml
 from pathlib import Path
 
 import pytest
-from ethercat_bench import Bench, compose
 
+from helpers.ethercat_bench import Bench, compose
 from sjerk.__main__ import main
 from sjerk.errors import InputError
 from sjerk.ports.ethercat import BEHAVIOURS, Behaviour, Line

@@ -11,11 +11,11 @@ import random
 import struct
 
 import pytest
-from ethercat_bench import FPRD, FPWR, LRW, MS, Bench, compose
 
+from helpers.ethercat_bench import FPRD, FPWR, LRW, MS, Bench, compose
 from sjerk.ports.ethercat import BEHAVIOURS, Line
 
-FRAMES = int(os.environ.get("SJERK_FUZZ_FRAMES", "30000"))
+FRAMES = int(os.environ.get("SJERK_FUZZ_FRAMES", "12000"))
 SEED = int(os.environ.get("SJERK_FUZZ_SEED", "1"))
 REGISTERS = [
     0x0000, 0x0010, 0x0012, 0x0100, 0x0103, 0x0110, 0x0120, 0x0130, 0x0134, 0x0300, 0x0400, 0x0420,

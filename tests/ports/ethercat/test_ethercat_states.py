@@ -6,7 +6,8 @@ import itertools
 import struct
 
 import pytest
-from ethercat_bench import MS, Bench
+
+from helpers.ethercat_bench import MS, Bench
 
 INIT, PREOP, BOOT, SAFEOP, OP = 1, 2, 3, 4, 8
 ERROR = 0x10

@@ -49,20 +49,6 @@ void sj_esc_open(sj_esc *esc, int32_t opened)
         esc->memory[REG_SM + 8 * k + 7] = opened ? 0 : SM_CLOSED;
 }
 
-void sj_bits_copy(uint8_t *to, uint32_t to_bit, const uint8_t *from, uint32_t from_bit,
-                  uint32_t count)
-{
-    if (((to_bit | from_bit | count) & 7) == 0) {
-        memcpy(to + to_bit / 8, from + from_bit / 8, count / 8);
-        return;
-    }
-    for (uint32_t i = 0; i < count; i++, to_bit++, from_bit++) {
-        const unsigned bit = 1u << (to_bit & 7);
-        const unsigned value = from[from_bit >> 3] >> (from_bit & 7) & 1u ? bit : 0u;
-        to[to_bit >> 3] = (uint8_t)((to[to_bit >> 3] & ~bit) | value);
-    }
-}
-
 static void put_masked(uint8_t *to, const uint8_t *from, const uint8_t *mask, uint32_t count)
 {
     if (mask == NULL)

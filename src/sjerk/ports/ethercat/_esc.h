@@ -118,8 +118,6 @@ int32_t  sj_esc_write(sj_line *line, sj_esc *esc, uint32_t address, const uint8_
                       const uint8_t *mask, uint32_t count, int64_t now);
 /* Outputs and inputs empty, their SyncManagers opened (1) or closed (0) by the device. */
 void     sj_esc_open(sj_esc *esc, int32_t opened);
-void     sj_bits_copy(uint8_t *to, uint32_t to_bit, const uint8_t *from, uint32_t from_bit,
-                      uint32_t count);
 
 /* ---- clocks (_esc_dc.c) ---- */
 int64_t  sj_esc_system_time(const sj_esc *esc, int64_t now);

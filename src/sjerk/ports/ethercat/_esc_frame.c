@@ -48,12 +48,12 @@ static void map_part(sj_line *line, sj_esc *esc, const uint8_t *fmmu, const data
             memset(mask, 0, count);
             for (uint32_t i = 0; i < bits; i++)
                 mask[(shift + i) >> 3] |= (uint8_t)(1u << ((shift + i) & 7));
-            sj_bits_copy(bytes, shift, sent, at, bits);
+            bits_copy(bytes, shift, sent, at, bits);
             *written |= sj_esc_write(line, esc, address, bytes, mask, count, now);
         }
     }
     if ((fmmu[11] & 1) && d->command != LWR && sj_esc_read(esc, address, bytes, count, now)) {
-        sj_bits_copy(d->data, at, bytes, shift, bits);
+        bits_copy(d->data, at, bytes, shift, bits);
         *read = 1;
     }
 }

@@ -27,7 +27,7 @@ static void take_outputs(sj_esc *esc)
     for (int i = 0; i < outputs->words; i++) {
         const sj_esc_word *word = outputs->word + i;
         uint8_t *to = word->slow ? slow : (uint8_t *)&esc->rx;
-        sj_bits_copy(to, 8u * word->offset, b->data[b->application], word->bit, word->bits);
+        bits_copy(to, 8u * word->offset, b->data[b->application], word->bit, word->bits);
     }
     if (memcmp(slow, outputs->slow, sizeof slow) != 0) {
         memcpy(outputs->slow, slow, sizeof slow);
@@ -45,7 +45,7 @@ static void give_inputs(sj_esc *esc)
     for (int i = 0; i < inputs->words; i++) {
         const sj_esc_word *word = inputs->word + i;
         const uint8_t *from = word->slow ? inputs->slow : (const uint8_t *)&esc->tx;
-        sj_bits_copy(data, word->bit, from, 8u * word->offset, word->bits);
+        bits_copy(data, word->bit, from, 8u * word->offset, word->bits);
     }
     const uint8_t filled = b->application;
     b->application = b->newest;

@@ -1,6 +1,7 @@
 /* Registers by name, and numbers as the wire has them: little-endian, at any address. For C only. */
 #pragma once
 #include <stdint.h>
+#include <string.h>
 
 enum {
     REG_STATION = 0x0010, REG_ALIAS = 0x0012, REG_DL_CONTROL = 0x0100, REG_AL_CONTROL = 0x0120,
@@ -48,3 +49,18 @@ static inline void put64(uint8_t *p, int64_t value)
 /* Times come from the wire, any 64 bits: sums and differences are modulo 2^64. */
 static inline int64_t plus(int64_t a, int64_t b) { return (int64_t)((uint64_t)a + (uint64_t)b); }
 static inline int64_t minus(int64_t a, int64_t b) { return (int64_t)((uint64_t)a - (uint64_t)b); }
+
+/* Any bits of one field to any bits of another. */
+static inline void bits_copy(uint8_t *to, uint32_t to_bit, const uint8_t *from, uint32_t from_bit,
+                             uint32_t count)
+{
+    if (((to_bit | from_bit | count) & 7) == 0) {
+        memcpy(to + to_bit / 8, from + from_bit / 8, count / 8);
+        return;
+    }
+    for (uint32_t i = 0; i < count; i++, to_bit++, from_bit++) {
+        const unsigned bit = 1u << (to_bit & 7);
+        const unsigned value = from[from_bit >> 3] >> (from_bit & 7) & 1u ? bit : 0u;
+        to[to_bit >> 3] = (uint8_t)((to[to_bit >> 3] & ~bit) | value);
+    }
+}

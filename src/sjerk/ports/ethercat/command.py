@@ -21,7 +21,7 @@ import threading
 from collections.abc import Callable
 from pathlib import Path
 
-from sjerk.cia402 import DriveConfig, Fault
+from sjerk.drive import DriveConfig, DriveFault
 from sjerk.errors import SjerkError
 from sjerk.ports.ethercat.behaviours import BEHAVIOURS
 from sjerk.ports.ethercat.capture import InterfaceCapture
@@ -139,8 +139,12 @@ def apply(line: Line, words: list[str]) -> None:
         ("state", 3): line.state,
         ("status", 0): lambda: None,
     }
-    if words[:1] in (["inject"], ["clear"]) and len(words) == 3 and words[2] in Fault.__members__:
-        line.inject(numbers[0], Fault[words[2]], words[0] == "inject")
+    if (
+        words[:1] in (["inject"], ["clear"])
+        and len(words) == 3
+        and words[2] in DriveFault.__members__
+    ):
+        line.inject(numbers[0], DriveFault[words[2]], words[0] == "inject")
         return
     job = jobs.get((words[0] if words else "", len(numbers)))
     if job is None or len(numbers) != len(words) - 1:

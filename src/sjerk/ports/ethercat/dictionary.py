@@ -15,7 +15,7 @@ import struct
 from collections.abc import Iterable
 from typing import NamedTuple
 
-from sjerk.drive.objects import DUMMIES, OBJECTS, Abort, Entry, Object, SdoError, Type
+from sjerk.drive.objects import DUMMIES, OBJECTS, Abort, Object, ObjectEntry, SdoError, Type
 from sjerk.ports.ethercat.behaviours import Behaviour, Words
 from sjerk.ports.ethercat.servo import WireDevice
 
@@ -26,6 +26,7 @@ _CANOPEN_ONLY = {
     0x1005, 0x1006, 0x1014, 0x1016, 0x1017,
     *(base + n for base in (0x1400, 0x1600, 0x1800, 0x1A00) for n in range(4)),
 }  # fmt: skip
+_NAME = "Manufacturer device name"
 _ASSIGNED = 8
 """Most PDOs of one direction at once."""
 
@@ -35,7 +36,7 @@ U8, U16, U32, TEXT = Type.UNSIGNED8, Type.UNSIGNED16, Type.UNSIGNED32, Type.VISI
 class Mapped(NamedTuple):
     """An object in the process data."""
 
-    row: Entry
+    row: ObjectEntry
     bit: int
 
 
@@ -81,7 +82,7 @@ class Dictionary:
 
     # ---- SDO ----
 
-    def row(self, index: int, sub: int) -> Entry:
+    def row(self, index: int, sub: int) -> ObjectEntry:
         """The row of an object; `SdoError` when there is none."""
         if index not in self.objects:
             raise SdoError(Abort.NO_OBJECT, index, sub)
@@ -131,7 +132,7 @@ class Dictionary:
     def download_all(self, index: int, first: int, data: bytes) -> None:
         """Complete access: every entry in its order; mapping and assignment all or nothing."""
         rows = self._complete(index, first, count=None)
-        parts: list[tuple[Entry, bytes]] = []
+        parts: list[tuple[ObjectEntry, bytes]] = []
         at = 0
         for row in rows:
             if at == len(data):
@@ -158,7 +159,7 @@ class Dictionary:
         """An object of EtherCAT as a number."""
         return int(self._values[index, sub])
 
-    def _complete(self, index: int, first: int, count: int | None = -1) -> list[Entry]:
+    def _complete(self, index: int, first: int, count: int | None = -1) -> list[ObjectEntry]:
         self.row(index, 0)
         entries = self.objects[index].entries
         if len(entries) == 1 or first > 1 or not self._behaviour.complete_access:
@@ -168,7 +169,7 @@ class Dictionary:
             return [row for row in entries if first <= row.sub <= count]
         return [row for row in entries if row.sub >= first]
 
-    def _padded(self, row: Entry) -> bytes:
+    def _padded(self, row: ObjectEntry) -> bytes:
         data = self.upload(row.index, row.sub)
         return data.ljust(2, b"\0") if row.sub == 0 else data
 
@@ -200,7 +201,7 @@ class Dictionary:
         if pdo not in self._pdos(receive):
             raise SdoError(Abort.RANGE, index, sub)
 
-    def _mapped(self, word: int, receive: bool, where: tuple[int, int]) -> Entry | None:
+    def _mapped(self, word: int, receive: bool, where: tuple[int, int]) -> ObjectEntry | None:
         """The row that a mapping word names, None for padding; `SdoError` at `where`."""
         index, sub, bits = word >> 16, word >> 8 & 0xFF, word & 0xFF
         if index == 0 or index in DUMMIES:
@@ -215,7 +216,7 @@ class Dictionary:
             raise SdoError(Abort.NOT_MAPPABLE, *where)
         return row
 
-    def _map(self, row: Entry, value: int) -> None:
+    def _map(self, row: ObjectEntry, value: int) -> None:
         """One write to a mapping or an assignment."""
         index, sub = row.index, row.sub
         if not self.preop:
@@ -257,7 +258,7 @@ class Dictionary:
             raise SdoError(Abort.PDO_LENGTH, index, 0)
         self.set(index, 0, count)
 
-    def _map_all(self, index: int, parts: list[tuple[Entry, bytes]]) -> None:
+    def _map_all(self, index: int, parts: list[tuple[ObjectEntry, bytes]]) -> None:
         before = dict(self._values)
         count = self.value(index, 0)
         try:
@@ -278,8 +279,7 @@ def _own(behaviour: Behaviour, serial: int) -> list[Object]:
     """The objects that only EtherCAT has, and those whose values it gives."""
     cycle = "rw" if behaviour.cycle_writable else "ro"
     things = [
-        Object(0x1008, "Manufacturer device name",
-               (Entry(0x1008, 0, "Manufacturer device name", TEXT, "ro", "", behaviour.name),), 7),
+        Object(0x1008, _NAME, (ObjectEntry(0x1008, 0, _NAME, TEXT, "ro", "", behaviour.name),), 7),
         _record(0x1018, "Identity", {
             1: ("Vendor", U32, "ro", VENDOR), 2: ("Product", U32, "ro", behaviour.product),
             3: ("Revision", U32, "ro", REVISION), 4: ("Serial number", U32, "ro", serial)}),
@@ -320,17 +320,17 @@ def _own(behaviour: Behaviour, serial: int) -> list[Object]:
 def _record(
     index: int, name: str, rows: dict[int, tuple[str, Type, str, int]], code: int = 9
 ) -> Object:
-    head = Entry(index, 0, "Highest sub-index", U8, "ro", "", max(rows))
-    subs = (Entry(index, sub, n, t, a, "", value) for sub, (n, t, a, value) in rows.items())
+    head = ObjectEntry(index, 0, "Highest sub-index", U8, "ro", "", max(rows))
+    subs = (ObjectEntry(index, sub, n, t, a, "", value) for sub, (n, t, a, value) in rows.items())
     return Object(index, name, (head, *subs), code)
 
 
 def _counted(index: int, name: str, words: Words, type_: Type, most: int, access: str) -> Object:
     """An array whose sub-index 0 says how many of its words count."""
-    head = Entry(index, 0, "Number", U8, access, "", len(words))
+    head = ObjectEntry(index, 0, "Number", U8, access, "", len(words))
     values = (*words, *(0 for _ in range(most - len(words))))
     subs = (
-        Entry(index, sub, f"Word {sub}", type_, access, "", value)
+        ObjectEntry(index, sub, f"Word {sub}", type_, access, "", value)
         for sub, value in enumerate(values, 1)
     )
     return Object(index, name, (head, *subs), 9)

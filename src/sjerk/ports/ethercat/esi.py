@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections import Counter
 from xml.etree import ElementTree as Xml
 
-from sjerk.drive.objects import Entry, Object, Type
+from sjerk.drive.objects import Object, ObjectEntry, Type
 from sjerk.ports.ethercat.behaviours import Behaviour, Words
 from sjerk.ports.ethercat.dictionary import REVISION, VENDOR, Dictionary
 from sjerk.ports.ethercat.sii import SIZE, areas
@@ -105,7 +105,7 @@ def _info(info: Xml.Element) -> None:
     _add(mailbox, "ResponseTimeout", "2000")
 
 
-def _type_of(dictionary: Dictionary, row: Entry) -> tuple[str, int]:
+def _type_of(dictionary: Dictionary, row: ObjectEntry) -> tuple[str, int]:
     """Name of the data type and its bits."""
     if row.type is Type.VISIBLE_STRING:
         length = len(dictionary.upload(row.index, row.sub))
@@ -113,7 +113,7 @@ def _type_of(dictionary: Dictionary, row: Entry) -> tuple[str, int]:
     return _NAMES[row.type], row.bits
 
 
-def _flags(parent: Xml.Element, row: Entry) -> None:
+def _flags(parent: Xml.Element, row: ObjectEntry) -> None:
     flags = _add(parent, "Flags")
     access = _add(flags, "Access", "ro" if row.access == "ro" else "rw")
     if row.access in ("preop", "idle"):

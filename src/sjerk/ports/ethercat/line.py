@@ -25,7 +25,7 @@ from types import TracebackType
 from typing import Any
 
 from sjerk._binding import ffi, lib
-from sjerk.cia402 import DriveConfig, Fault, Report
+from sjerk.drive import DriveConfig, DriveFault, Report
 from sjerk.errors import InputError
 from sjerk.ports.ethercat.behaviours import BEHAVIOURS, Behaviour
 from sjerk.ports.ethercat.capture import Capture
@@ -183,7 +183,7 @@ class Line:
             raise InputError("status", f"{status:#x}", "must be 1, 2, 4 or 8, or these + 10h")
         self._do(lambda: self.devices[number].force(status, code))
 
-    def inject(self, number: int, fault: Fault, present: bool = True) -> None:
+    def inject(self, number: int, fault: DriveFault, present: bool = True) -> None:
         """Make the cause of a drive's own fault appear or go."""
         self._within("number", number, self._line.count - 1)
         self._do(lambda: self.devices[number].device.drive.inject(fault, present))

@@ -11,11 +11,10 @@ from __future__ import annotations
 from typing import Any
 
 from sjerk._binding import ffi, lib
-from sjerk.cia402 import Drive, DriveConfig, Feedback, StatusWord
-from sjerk.drive.device import Device
-from sjerk.drive.objects import Entry
+from sjerk.drive import Device, Drive, DriveConfig, DriveFeedback, StatusWord
+from sjerk.drive.objects import ObjectEntry
 
-_TX_FIELDS = Feedback._fields[1:]
+_TX_FIELDS = DriveFeedback._fields[1:]
 _SPECIAL = {0x607A: "target_position", 0x6060: "mode"}
 _RX_OFFSETS = {name: entry.offset for name, entry in ffi.typeof("sj_drive_rx").fields}
 _TX_OFFSETS = {name: entry.offset for name, entry in ffi.typeof("sj_drive_tx").fields}
@@ -57,7 +56,7 @@ class WireDevice(Device):
     def pull(self) -> None:
         """The words of the last period into the dictionary."""
         tx, rx = self._esc.tx, self._esc.rx
-        self.feedback = Feedback(
+        self.feedback = DriveFeedback(
             StatusWord(tx.statusword), *(getattr(tx, name) for name in _TX_FIELDS)
         )
         for name in self._rx:
@@ -83,7 +82,7 @@ class WireDevice(Device):
         return code
 
 
-def word_of(row: Entry, *, receive: bool) -> int | None:
+def word_of(row: ObjectEntry, *, receive: bool) -> int | None:
     """Where a mapped object lies in ``sj_drive_rx`` or ``sj_drive_tx``; None: in neither.
 
     >>> from sjerk.drive.objects import entry

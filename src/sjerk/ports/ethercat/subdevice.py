@@ -15,7 +15,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from sjerk._binding import ffi, lib
-from sjerk.cia402 import DriveConfig, DriveConfigError, Fault, State
+from sjerk.drive import DriveConfig, DriveConfigError, DriveFault, DriveState
 from sjerk.drive.objects import SdoError
 from sjerk.ports.ethercat.behaviours import Behaviour
 from sjerk.ports.ethercat.coe import HEADER, CoeServer, Mail
@@ -88,7 +88,7 @@ class Subdevice:
         self.dictionary.power_up()
         self.device.reset()
         self.device.attach()
-        self.device.drive.inject(Fault.LOST_LINK, False)
+        self.device.drive.inject(DriveFault.LOST_LINK, False)
         if not self._keep:
             self.sii[:] = self._factory
         self._sii_c = ffi.from_buffer("uint8_t[]", self.sii)
@@ -130,7 +130,7 @@ class Subdevice:
 
     @property
     def state(self) -> AlState:
-        """State of the application layer."""
+        """DriveState of the application layer."""
         return AlState(self._get("<H", _AL_STATUS) & 0x0F)
 
     @property
@@ -179,7 +179,7 @@ class Subdevice:
         if events & lib.SJ_ESC_ERROR:
             self._drive_error()
         if events & lib.SJ_ESC_STATE:
-            self._say(State.of(self._esc.tx.statusword).name.replace("_", " ").lower())
+            self._say(DriveState.of(self._esc.tx.statusword).name.replace("_", " ").lower())
         if events & lib.SJ_ESC_SLOW_OUTPUTS:
             self._apply_slow()
         self.poll(now)
@@ -242,11 +242,14 @@ class Subdevice:
             self._registers[_SM + 5] = self._registers[_SM + 13] = b"\0"
             self._coe = CoeServer(self.dictionary, mailbox=self.behaviour.mailbox)
         if before is AlState.OP and state is not AlState.OP:
-            if State.of(esc.tx.statusword) in (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE):
-                self.device.drive.inject(Fault.LOST_LINK)
+            if DriveState.of(esc.tx.statusword) in (
+                DriveState.OPERATION_ENABLED,
+                DriveState.QUICK_STOP_ACTIVE,
+            ):
+                self.device.drive.inject(DriveFault.LOST_LINK)
             self.device.release()
         if state is AlState.OP:
-            self.device.drive.inject(Fault.LOST_LINK, False)
+            self.device.drive.inject(DriveFault.LOST_LINK, False)
             self._put("<B", 0x0440, 0x01)
         self.changes.append((state | ERROR * error, code))
         del self.changes[:-100]
