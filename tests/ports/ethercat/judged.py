@@ -37,10 +37,11 @@ CHECKS = {
     ),
     "kickcat": ("scan", "SDO", "mapping", "Operational", "targets", "end"),
     "ebpfcat": ("scan", "SII", "dictionary"),
+    "soemx": ("scan", "Operational", "targets", "end"),
 }  # fmt: skip
 RUNS = {
     "permissive": [("pysoem", 1), ("pysoem", 2), ("pysoem", 7), ("kickcat", 2), ("kickcat", 7)],
-    "copyleft": [("ebpfcat", 1), ("ebpfcat", 2)],
+    "copyleft": [("ebpfcat", 1), ("ebpfcat", 2), ("soemx", 1), ("soemx", 7)],
 }
 ROWS = [(*run, check) for run in RUNS[GROUP] for check in CHECKS[run[0]]]
 
