@@ -7,12 +7,15 @@ reason. A judge whose software is missing fails: the environment is to have it.
 
 from __future__ import annotations
 
+import atexit
 import functools
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import pytest
@@ -38,11 +41,21 @@ CHECKS = {
     "kickcat": ("scan", "SDO", "mapping", "Operational", "targets", "end"),
     "ebpfcat": ("scan", "SII", "dictionary"),
     "soemx": ("scan", "Operational", "targets", "end"),
+    "ethercrab": ("session", "states", "clocks"),
 }  # fmt: skip
 RUNS = {
     "permissive": [("pysoem", 1), ("pysoem", 2), ("pysoem", 7), ("kickcat", 2), ("kickcat", 7)],
-    "copyleft": [("ebpfcat", 1), ("ebpfcat", 2), ("soemx", 1), ("soemx", 7)],
+    "copyleft": [
+        ("ebpfcat", 1),
+        ("ebpfcat", 2),
+        ("soemx", 1),
+        ("soemx", 7),
+        ("ethercrab", 1),
+        ("ethercrab", 3),
+    ],
 }
+#: Sessions whose frames an independent decoder reads afterwards.
+CAPTURED = ("ebpfcat", "soemx")
 ROWS = [(*run, check) for run in RUNS[GROUP] for check in CHECKS[run[0]]]
 
 
@@ -58,6 +71,24 @@ def cable() -> None:
 
 
 @functools.cache
+def _folder() -> Path:
+    """Where captures go; it is removed at the end."""
+    folder = Path(tempfile.mkdtemp(prefix="sjerk-judges-"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return folder
+
+
+@functools.cache
+def _packet_library() -> Path:
+    """A folder with libpcap under the name that wheels link to; Debian has it under another."""
+    link = _folder() / "libpcap.so.1"
+    for found in sorted(Path("/usr/lib").glob("*/libpcap.so.*")):
+        link.symlink_to(found)
+        break
+    return link.parent
+
+
+@functools.cache
 def _first() -> list[str]:
     """Before other programs of the machine, where that is allowed: main devices have deadlines."""
     command = ["nice", "-n", "-15"]
@@ -69,12 +100,16 @@ def _first() -> list[str]:
 def verdict(name: str, drives: int) -> dict[str, str]:
     """What became of every check of a judge: "" or where it failed."""
     program = f'"{sys.executable}" "{JUDGES / name}_judge.py" {drives}'
+    environment = {**os.environ, "LD_LIBRARY_PATH": str(_packet_library())}
+    if name in CAPTURED:
+        environment["SJERK_JUDGE_CAPTURE"] = str(_folder() / f"{name}-{drives}.pcapng")
     with subprocess.Popen(
         [*_first(), *NAMESPACE, f"{CABLE} && exec {program}"],
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
         start_new_session=True,
+        env=environment,
     ) as process:
         try:
             said = process.communicate(timeout=LONGEST_S)[0]
@@ -93,3 +128,38 @@ def test_an_unmodified_main_device_is_satisfied(name: str, drives: int, check: s
     """One check of one judge on a line of so many drives."""
     outcome = verdict(name, drives)[check]
     assert not outcome, outcome
+
+
+def malformed(capture: Path) -> tuple[int, int]:
+    """Frames of a capture, and how many of them Wireshark calls malformed."""
+    counts = []
+    for only in ("ecat", "_ws.malformed"):
+        done = subprocess.run(
+            ["tshark", "-r", str(capture), "-Y", only, "-T", "fields", "-e", "frame.number"],
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        counts.append(len(done.stdout.splitlines()))
+    return counts[0], counts[1]
+
+
+@pytest.mark.usefixtures("cable")
+@pytest.mark.parametrize(("name", "drives"), [r for r in RUNS[GROUP] if r[0] in CAPTURED])
+def test_an_independent_decoder_finds_nothing_malformed(name: str, drives: int) -> None:
+    """Tshark over the whole session of a judge; in a copy with spoilt lengths it finds some."""
+    verdict(name, drives)
+    capture = _folder() / f"{name}-{drives}.pcapng"
+    frames, bad = malformed(capture)
+    assert frames > 100
+    assert bad == 0
+    data, at, spoilt = bytearray(capture.read_bytes()), 0, 0
+    while at < len(data) and spoilt < 20:
+        kind, size = int.from_bytes(data[at : at + 4], "little"), data[at + 4 : at + 8]
+        if kind == 6 and data[at + 28 + 12 : at + 28 + 14] == b"\x88\xa4":
+            data[at + 28 + 22] = 0xFF  # the length of the first datagram
+            spoilt += 1
+        at += int.from_bytes(size, "little")
+    copy = capture.with_suffix(".spoilt.pcapng")
+    copy.write_bytes(data)
+    assert malformed(copy)[1] > 0

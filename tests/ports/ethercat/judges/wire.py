@@ -26,12 +26,14 @@ class Wire:
     """The emulator's process; use as a context."""
 
     def __init__(self, drives: int, *options: str) -> None:
+        if capture := os.environ.get("SJERK_JUDGE_CAPTURE"):
+            options = (*options, "--capture", capture)
         self._folder = tempfile.TemporaryDirectory()
         self._control = Path(self._folder.name) / "control"
         self._process = subprocess.Popen(
             [_PYTHON, "-m", "sjerk", "drive", "--ethercat", LINE, "--drives", str(drives),
              "--control", str(self._control), *options],
-            stdout=subprocess.PIPE, text=True, preexec_fn=_end_with_parent,
+            stdout=subprocess.PIPE, text=True, preexec_fn=end_with_parent,
         )  # fmt: skip
         self.told: list[str] = []
         assert self._process.stdout is not None
@@ -67,7 +69,7 @@ class Wire:
         self._folder.cleanup()
 
 
-def _end_with_parent() -> None:
+def end_with_parent() -> None:
     """The emulator does not outlive its judge (PR_SET_PDEATHSIG)."""
     ctypes.CDLL(None).prctl(1, signal.SIGKILL)
 
