@@ -1,7 +1,7 @@
 """ethercrab, unmodified, in the wheel of an application: ethercrab_judge.py DRIVES.
 
-The application looks for devices of its own kind, by name and lengths; it takes them to Operational
-with SYNC0, finds that nobody answers to its commands, and goes back to Init. How far the devices came
+The application looks for devices of its own kind, by name and lengths; it takes them to
+Operational with SYNC0, finds that nobody answers to its commands, and goes back to Init. How far the devices came
 is the judgement: ethercrab waits until the clocks are within its tolerance before it goes on.
 """
 
@@ -18,20 +18,21 @@ from autd3_link_ethercrab import EtherCrabLinkOption
 from wire import MAIN, end_with_parent, judge
 
 DRIVES = int(sys.argv[1])
-PATIENCE_S = 60
+PATIENCE_S = 20
+ATTEMPTS = 4
 
-line = subprocess.Popen(
-    [sys.executable, str(Path(__file__).with_name("lengths_line.py")), str(DRIVES), "626", "2",
-     "AUTD", "60"],
-    stdout=subprocess.PIPE, text=True, preexec_fn=end_with_parent,
-)  # fmt: skip
-assert line.stdout is not None
-assert line.stdout.readline() == "ready\n"
 told: list[str] = []
 
 
-def session() -> None:
-    """Up to Operational and back; the end is the application's complaint."""
+def once() -> str:
+    """A line and a session with it: the application's complaint at the end."""
+    line = subprocess.Popen(
+        [sys.executable, str(Path(__file__).with_name("lengths_line.py")), str(DRIVES), "626", "2",
+         "AUTD", "60"],
+        stdout=subprocess.PIPE, text=True, preexec_fn=end_with_parent,
+    )  # fmt: skip
+    assert line.stdout is not None
+    assert line.stdout.readline() == "ready\n"
     places = [Autd3([0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]) for _ in range(DRIVES)]
 
     async def work() -> None:
@@ -42,11 +43,22 @@ def session() -> None:
     try:
         asyncio.run(asyncio.wait_for(work(), PATIENCE_S))
     except autd3.Autd3Error as error:
-        complaint = str(error)
-    else:
-        raise AssertionError("the application found its own devices")
-    line.terminate()
-    told.extend(line.communicate(timeout=10)[0].splitlines())
+        return str(error)
+    finally:
+        line.terminate()
+        told[:] = line.communicate(timeout=10)[0].splitlines()
+    raise AssertionError("the application found its own devices")
+
+
+def session() -> None:
+    """Up to Operational and back; the end is the application's complaint.
+
+    Its time-outs of 10 ms cannot be set: on a busy machine a session that ends by one begins anew.
+    """
+    for _ in range(ATTEMPTS):
+        complaint = once()
+        if "ethercrab: timeout" not in complaint:
+            break
     assert "ack timeout" in complaint, (complaint, told)
 
 

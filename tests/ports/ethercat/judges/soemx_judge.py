@@ -1,7 +1,7 @@
 """soemx (SOEM 2), unmodified, judges a line of drives: soemx_judge.py DRIVES.
 
-A program of its own: SOEM 2 is under the GPL, no test imports it. The SDO calls of this binding send
-no mail (seen in a capture): they judge nothing here.
+A program of its own: SOEM 2 is under the GPL, no test imports it. The SDO calls of this binding
+send no mail (seen in a capture): they judge nothing here.
 """
 
 from __future__ import annotations
