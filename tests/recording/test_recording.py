@@ -219,7 +219,7 @@ def test_a_late_reader_loses_the_oldest_and_knows_how_many() -> None:
 
 
 def test_a_reader_of_a_full_trace_begins_where_nothing_is_overwritten_meanwhile() -> None:
-    """The oldest eighth is left to the kernel: cycles between attaching and reading lose nothing."""
+    """The oldest eighth is left to the kernel: what comes before the first read loses nothing."""
     kernel = MotionKernel([AXIS], T)
     told = kernel.trace_to(None)
     capacity = told.layout.event_capacity
