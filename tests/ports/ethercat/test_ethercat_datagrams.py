@@ -147,7 +147,7 @@ def test_logical_addresses_go_through_the_fmmus_bit_by_bit(data: st.DataObject) 
 
 
 @pytest.mark.parametrize(("command", "wkc"), [(LRD, 1), (LWR, 1), (LRW, 3)])
-def test_process_data_count_per_drive(command: int, wkc: int) -> None:
+def test_working_counters_tell_the_drives_apart(command: int, wkc: int) -> None:
     """Two drives at addresses of their own: each counts for itself, together for both."""
     made = Bench(drives=2)
     for k in (0, 1):

@@ -194,7 +194,7 @@ def test_esi_by_the_command_line(tmp_path: Path) -> None:
         (["--fault", "heal", "--control", "/nonexistent/socket"], "No such file"),
     ],
 )
-def test_mistakes_are_told_in_one_line(arguments: list[str], told: str) -> None:
+def test_mistakes_of_a_process_are_told_in_one_line(arguments: list[str], told: str) -> None:
     """Before anything moves, with an exit code."""
     done = subprocess.run(
         [sys.executable, "-m", "sjerk", "drive", *arguments], capture_output=True, text=True

@@ -233,7 +233,35 @@ def test_what_a_device_does_by_itself_is_seen_and_acknowledged() -> None:
     assert bench.al(0) == (OP, 0)
 
 
-def test_no_process_data_below_safeop_no_mail_in_init() -> None:
+@pytest.mark.parametrize(("option", "error", "state"), [(1, 0x8130, 0x08), (0, 0, 0x23)])
+@pytest.mark.parametrize("target", [INIT, PREOP, SAFEOP])
+def test_a_drive_that_leaves_operational_enabled_does_what_6007h_says(
+    option: int, error: int, state: int, target: int
+) -> None:
+    """1: error 8130h and its emergency; 0: operation is disabled with its ramp. Never goes on."""
+    bench = Bench()
+    bench.to_op(0)
+    bench.download(0, 0x6007, 0, struct.pack("<h", option))
+    word = {0x40: 6, 0x21: 7, 0x23: 15, 0x27: 15}
+    status = 0
+    for _ in range(20):
+        answer = bench.exchange(0, struct.pack("<Hbxi", word.get(status & 0x6F, 0), 8, 0))
+        status = struct.unpack_from("<H", answer.data)[0]
+    assert status & 0x6F == 0x27
+    bench.request(0, target)
+    assert bench.al(0) == (target, 0)
+    bench.line.advance(1000 * MS)
+    shown = bench.line.status()["devices"][0]["statusword"]
+    assert shown & 0x6F & (0x4F if state == 0x08 else 0x6F) == state
+    if target != INIT and error:
+        mail = bench.fetch(0)
+        assert mail is not None
+        assert struct.unpack_from("<HH", mail, 6) == (0x1000, error)
+    if target != INIT:
+        assert bench.upload(0, 0x603F, 0) == struct.pack("<H", error)
+
+
+def test_no_outputs_below_safeop_no_mail_in_init() -> None:
     """Working counters: mailbox from Pre-operational on, process data from Safe-operational on."""
     bench = bench_in(PREOP)
     assert bench.exchange(0, b"").wkc == 0

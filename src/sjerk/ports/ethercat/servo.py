@@ -71,8 +71,8 @@ class WireDevice(Device):
         self._esc.target_written = self._target_written
 
     def release(self) -> None:
-        """Take the commands back: the main device that gave them is gone."""
-        self._esc.rx.controlword = 0
+        """The main device that gave the commands is gone: none enables operation, none resets."""
+        self._esc.rx.controlword &= 0x0007
 
     def note_error(self) -> int:
         """Enter the present 603Fh into 1003h and return it."""

@@ -1,8 +1,8 @@
 """ethercrab, unmodified, in the wheel of an application: ethercrab_judge.py DRIVES.
 
-The application looks for devices of its own kind, by name and lengths; it takes them to
-Operational with SYNC0, finds that nobody answers to its commands, and goes back to Init. How far the devices came
-is the judgement: ethercrab waits until the clocks are within its tolerance before it goes on.
+The application looks for devices of its own kind, by name and lengths. It takes them to Operational
+with SYNC0, finds that nobody answers to its commands, and goes back to Init. How far the devices
+came is the judgement: ethercrab waits until the clocks are within its tolerance before it goes on.
 """
 
 from __future__ import annotations
