@@ -24,6 +24,7 @@ enum {
 };
 #define LOOP_RATE 2e-10                 /* of a deviation in ns, per step, into the rate */
 #define LOOP_DAMPING 0.05               /* most that one step's rate may add until the next */
+#define DEVIATION_LEAST 1e-6            /* ns; less is none */
 #define RATE_LIMIT 1e-3                 /* no oscillator is that far off */
 
 static int64_t local_time(const sj_esc *esc, int64_t now)
@@ -93,6 +94,8 @@ void sj_esc_follow_clock(sj_esc *esc, const uint8_t *data, uint32_t count, int64
         esc->rate = 0.0;
     esc->deviation_ns += ((double)off - esc->deviation_ns) / FILTER;
     double size = esc->deviation_ns < 0.0 ? -esc->deviation_ns : esc->deviation_ns;
+    if (size < DEVIATION_LEAST)
+        esc->deviation_ns = size = 0.0;                         /* no subnormal numbers: slow */
     if (size > 2147483647.0)
         size = 2147483647.0;
     put32(esc->memory + REG_DEVIATION,
