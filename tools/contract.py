@@ -21,6 +21,7 @@ HEADERS = (
     "dpram/_dpram.h",
     "drive/_drive.h",
     "_kernel.h",
+    "trajectory/_qp.h",
     "trajectory/_following.h",
     "trajectory/_track.h",
     "trajectory/_pace.h",
