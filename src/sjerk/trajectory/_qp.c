@@ -311,7 +311,8 @@ static double largest(const double *x, int32_t n)
 {
     double most = 0.0;
     for (int32_t i = 0; i < n; i++)
-        most = fmax(most, fabs(x[i]));
+        if (!(fabs(x[i]) <= most)) /* keeps a NaN */
+            most = fabs(x[i]);
     return most;
 }
 
@@ -397,6 +398,10 @@ void sj_qp_solve(const sj_qp *qp, double *x, double *work, int32_t most, double 
             double share = mean_gap(&q, reach(&q)) / gap;
             aim(&q, fmax(share * share * share * gap, 0.1 * tolerance));
             newton(&q);
+        }
+        if (!(largest(q.step, qp->variables) < 1e30)) { /* lost to rounding: the iterate before stands */
+            result->status = SJ_QP_STUCK;
+            return;
         }
         part = reach(&q);
         part = part < 1.0 ? SHORT * part : 1.0;
