@@ -235,7 +235,7 @@ def main() -> int:
         late[mode].append(found.late / draw.stop)
         if options.verbose and any(bad.values()):
             said = ", ".join(f"{k} {v:.3g}" for k, v in verdict.items())
-            print(f"run {i}: {said}; N {len(draw.limits)} period {draw.period} delay {draw.delay} "
+            print(f"run {i}: kept {_stream.kept} {said}; N {len(draw.limits)} period {draw.period} delay {draw.delay} "
                   f"{mode} share {draw.share} stop {draw.stop:.3f} late {found.late / draw.stop:.2f}", flush=True)  # fmt: skip
         if time.monotonic() - told > 10.0:
             told = time.monotonic()

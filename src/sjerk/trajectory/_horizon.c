@@ -21,6 +21,7 @@
 
 static const double RIDGE = 1e-9;       /* weight of the distance to the given plan */
 static const double ROOM = 1e-11, KEPT = 1e-9;
+static const double STILL = 1e-8;       /* a smaller difference has no direction */
 static const double TOLERANCE = 1e-9;
 static const double bezier[3][3] = {{1 / 6.0, 4 / 6.0, 1 / 6.0}, {0, 2 / 3.0, 1 / 3.0}, {0, 1 / 3.0, 2 / 3.0}};
 static const double binomial[4][4] = {{1, 0, 0, 0}, {-1, 1, 0, 0}, {1, -2, 1, 0}, {-1, 3, -3, 1}};
@@ -155,12 +156,23 @@ static int32_t is_monotone(const sj_horizon *h, int32_t joint)
     return 1;
 }
 
+/* First difference of the plan from control point i to the next. */
+static double difference(const problem *p, int32_t joint, int32_t i)
+{
+    int32_t one = variable_of(p, joint, i), two = variable_of(p, joint, i + 1);
+    return (two < 0 ? given(p->h, joint, i + 1) : p->x[two]) -
+           (one < 0 ? given(p->h, joint, i) : p->x[one]);
+}
+
 static void add_limits(problem *p, int32_t joint)
 {
     const sj_horizon *h = p->h;
     const double *limit = h->limits + 4 * joint, *range = h->range + 2 * joint;
     for (int32_t k = 0; k < h->knots; k++) {
         int32_t sign = h->direction[joint * h->knots + k];
+        double own = difference(p, joint, k + 2);
+        if (h->strict && sign * own < -STILL)   /* the plan goes the other way there: that way, or not */
+            sign = -sign;
         add_row(p, joint, k + 2, binomial[1], 2, sign > 0 ? 0.0 : -limit[0], sign < 0 ? 0.0 : limit[0]);
     }
     for (int32_t k = 0; k <= h->knots; k++)

@@ -120,6 +120,7 @@ class Horizon:
         *,
         paced: bool,
         ends: bool = False,
+        strict: bool = False,
         plan: FloatArray | None = None,
     ) -> Plan:
         """The best plan of so many control points; with ``ends`` it ends on ``aims.end``, or share 0.
@@ -164,6 +165,7 @@ class Horizon:
             speed = np.ascontiguousarray(aims.velocity / self._unit)
             c.speed, c.speed_weight = ffi.from_buffer("double[]", speed), _SPEED
         c.joints, c.knots, c.goals, c.paced, c.ends, c.fresh = joints, n, goals, paced, ends, ends
+        c.strict = strict
         c.smooth, c.bend = self._smoothing, 5.0 / 24.0 / self.cycles**2
         fastest = float((self.velocity / self._unit).max())
         c.lag, c.trust, c.progress_before = _LAG * fastest * fastest, _TRUST, progress[0]
@@ -197,6 +199,12 @@ class Horizon:
             value * self._unit - (aims.position - self.origin),
             result.iterations,
         )
+
+    def stay(self, aims: Aims, knots: int) -> Plan:
+        """The plan before, as it is."""
+        far = np.full((len(aims.moment), len(self.velocity)), np.inf)
+        none = np.zeros(len(self.velocity))
+        return Plan(resized(self.plan, knots), self.ahead(knots), none, 0.0 * none + far, 0)
 
     def hand_out(self, plan: Plan | None, end: FloatArray | None) -> Followed:
         """One knot more, of this plan, or of the one before; ``end`` (N,): bit for bit where it rests."""

@@ -41,6 +41,8 @@ _DENSE = 1e-3
 #: Of the way a source needs to stop, by differences of its goals.
 _SURE = 0.98
 _ROUNDS = 2
+#: Differences of control points below this share of a knot's way at full velocity are none.
+_STILL = 1e-9
 #: Iterations of the solver in one solution.
 ITERATIONS = 40
 _CYCLES = 2**50
@@ -168,6 +170,7 @@ class GoalStream:
         self._goals = self._passed = self._starved = 0
         self._worst = self._lag = 0.0
         self._starving = False
+        self.kept = 0
         self._beyond, self._deviation = np.zeros(n), np.zeros(n)
         self._turns = _Turns(at, RESOLUTION * self._horizon.velocity)
 
@@ -311,7 +314,8 @@ class GoalStream:
         self._count(plan)
         before = horizon.given[:, 2].copy()
         way = horizon.plan[:, 0] if plan is None else plan.control[:, 0]
-        self._turns.sign, self._turns.count = self._turns.see((way - before)[:, None])
+        step = np.where(np.abs(way - before) > _STILL * horizon.velocity, way - before, 0.0)
+        self._turns.sign, self._turns.count = self._turns.see(step[:, None])
         return horizon.hand_out(plan, self._last())
 
     def _index(self) -> int:
@@ -345,23 +349,52 @@ class GoalStream:
         best = None
         if horizon.progress[0] > -1e-2:
             progress = np.arange(float(2 * (self._most + self._tail)))
-            aims, knots = self._aims(due, progress, first)
-            best = horizon.solve(aims, knots, progress[: knots + 1], paced=False)
-            paced = not self._close(best)
-        else:
-            paced = True
-        if paced:
+            best = self._solve(due, progress, first, None, paced=False)
+        if best is None or not self._close(best):
             progress, plan = horizon.ahead(2 * (self._most + self._tail)), None
             for _ in range(_ROUNDS):
-                aims, knots = self._aims(due, progress, first, 0 if plan is None else plan.shape[1])
-                best = horizon.solve(aims, knots, progress[: knots + 1], paced=True, plan=plan)
-                last = min(knots, max(1, math.ceil(aims.moment[-1]) if len(aims.moment) else 1))
-                more = np.arange(1.0, 2 * (self._most + self._tail) - last)
-                progress = np.concatenate([best.progress[: last + 1], best.progress[last] + more])
-                plan = best.control
-            best = Plan(best.control, progress, best.share, best.deviation, best.iterations)
-        assert best is not None
+                best = self._solve(due, progress, first, plan, paced=True)
+                if best is None:
+                    break
+                progress, plan = best.progress, best.control
+        if best is None:
+            self.kept += 1
+            aims, knots = self._aims(due, horizon.ahead(2 * (self._most + self._tail)), first)
+            best = horizon.stay(aims, knots)
         return self._arrive(due, first, best) or best
+
+    def _solve(
+        self,
+        due: FloatArray,
+        progress: FloatArray,
+        first: int,
+        plan: FloatArray | None,
+        *,
+        paced: bool,
+    ) -> Plan | None:
+        """The best plan that turns no more often than the goals do."""
+        aims, knots = self._aims(due, progress, first, 0 if plan is None else plan.shape[1])
+        for strict in (False, True):
+            best = self._horizon.solve(
+                aims, knots, progress[: knots + 1], paced=paced, plan=plan, strict=strict
+            )
+            if self._turns_kept(aims, best):
+                break
+        else:
+            return None
+        last = min(knots, max(1, math.ceil(aims.moment[-1]) if len(aims.moment) else 1))
+        more = np.arange(1.0, 2 * (self._most + self._tail) - last)
+        progress = np.concatenate([best.progress[: last + 1], best.progress[last] + more])
+        return Plan(best.control, progress, best.share, best.deviation, best.iterations)
+
+    def _turns_kept(self, aims: Aims, plan: Plan) -> bool:
+        """Whether it turns no more often than the goals, or than its directions."""
+        steps = np.diff(plan.control, axis=1, prepend=self._horizon.given[:, 2:])
+        steps = np.where(np.abs(steps) > _STILL * self._horizon.velocity[:, None], steps, 0.0)
+        _, count = self._turns.see(steps)
+        _, asked = self._turns.see(aims.direction.astype(np.float64))
+        asked = asked + (aims.direction == 0).any(axis=1)
+        return bool((count <= np.maximum(self._turns.asked, asked)).all())
 
     def _close(self, plan: Plan) -> bool:
         """Whether goals are met, so that the joints need nothing in common."""
@@ -453,13 +486,24 @@ class GoalStream:
         found = np.zeros((joints, knots), dtype=np.int32)
         begin = max(first - 1, 0)
         at, way = moment[begin:], position[begin:]
+        still = RESOLUTION * self._horizon.velocity
         for j in range(joints):
+            going = int(self._turns.sign[j])
+            found[j] = going
             for sign, one, _ in self._pieces(way[:, j], j):
-                found[j, centre >= (-np.inf if one == 0 else at[one])] = sign
+                if sign == going and one == 0:
+                    continue
+                top = one  # where it turns: the last of equal goals
+                while one == 0 and top + 1 < len(way) and abs(way[top + 1, j] - way[0, j]) <= still[j]:
+                    top += 1
+                since = -np.inf if going == 0 and one == 0 else at[top]
+                found[j, centre >= since] = sign
         # where goals rest: on towards them; a motion that is beyond them must turn
         left, step = way[-1] - given, given - self._horizon.given[:, 1] - self._horizon.origin
         on = np.where(left * step >= 0.0, np.sign(left), 0.0).astype(np.int32)
-        flat = ~found.any(axis=1)
+        if not self._within and not self._ended:
+            on = np.where(on == 0, self._turns.sign, on).astype(np.int32)
+        flat = (np.abs(way - way[-1]) <= still).all(axis=0)
         found[flat] = on[flat, None]
         return found
 
@@ -590,21 +634,21 @@ class _Turns:
 
     def __init__(self, start: FloatArray, resolution: FloatArray) -> None:
         self._resolution, self._top = resolution, start.copy()
-        self._asked = np.zeros(len(start), dtype=np.int64)
+        self.asked = np.zeros(len(start), dtype=np.int64)
         self._going = np.zeros(len(start), dtype=np.int64)
-        self.sign, self.count = self._going.copy(), self._asked.copy()
+        self.sign, self.count = self._going.copy(), self.asked.copy()
 
     def add(self, goal: FloatArray) -> None:
         """A goal more."""
         step = goal - self._top
         sign = np.where(np.abs(step) > self._resolution, np.sign(step), self._going).astype(np.int64)
-        self._asked += (sign != self._going) & (self._going != 0)
+        self.asked += (sign != self._going) & (self._going != 0)
         moved = (sign != self._going) | (self._going * step > 0.0)
         self._top, self._going = np.where(moved, goal, self._top), sign
 
     def more(self) -> NDArray[np.int64]:
         """Turns of the motion that the goals do not have (N,)."""
-        return np.maximum(self.count - self._asked, 0)
+        return np.maximum(self.count - self.asked, 0)
 
     def see(self, steps: FloatArray) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Sign and count after these differences of control points (N, n)."""
