@@ -118,7 +118,9 @@ def play(draw: Draw, **options: int) -> tuple[GoalStream, Outcome]:
         **options,  # type: ignore[arg-type]
     )
     found, k, begin = Outcome(), 1, float(draw.arrivals[min(1, len(draw.arrivals) - 1)])
-    longest = round((3 * float(draw.times[-1]) + 60 * draw.stop + draw.delay * draw.period + 10) / T)
+    longest = round(
+        (3 * float(draw.times[-1]) + 60 * draw.stop + draw.delay * draw.period + 10) / T
+    )
     while not stream.done and stream.cycle < longest:
         while k < len(draw.times) and draw.arrivals[k] - begin <= stream.cycle * T + 1e-9:
             stream.push(draw.goals[k], float(draw.times[k]))
@@ -170,7 +172,9 @@ def judge(draw: Draw, found: Outcome) -> dict[str, float]:
     limit[:, 2] = np.maximum(limit[:, 2], braking[:, 1])
     over = max(float((abs(x).max(axis=0) / limit[:, i]).max()) for i, x in enumerate((V, A, J)))
     drives = A * V > 1e-12 * limit[:, 0] * limit[:, 1]
-    over = max(over, float((np.where(drives, abs(A), 0) / [x.acceleration for x in draw.limits]).max()))
+    over = max(
+        over, float((np.where(drives, abs(A), 0) / [x.acceleration for x in draw.limits]).max())
+    )
     brakes = A * V < -1e-12 * limit[:, 0] * limit[:, 1]
     over = max(over, float((np.where(brakes, abs(A), 0) / braking[:, 0]).max()))
     position = np.concatenate([b.sample().position for b in found.blocks])[-len(J) :]
@@ -192,12 +196,16 @@ def judge(draw: Draw, found: Outcome) -> dict[str, float]:
     first = np.concatenate([[0], ends[:-1]])
     for one, two, k in zip(first.tolist(), ends.tolist(), known.tolist(), strict=True):
         rows = position[one:two]
-        more = max(more, float(((rows - high[k]) / scale).max()), float(((low[k] - rows) / scale).max()))
+        more = max(
+            more, float(((rows - high[k]) / scale).max()), float(((low[k] - rows) / scale).max())
+        )
     end = bool((position[-1] == draw.goals[-1]).all())
     return {"over": over, "gap": gap, "turns": extra, "passed": more, "end": end}
 
 
-def runs(seed: int, count: int, **options: int) -> Iterator[tuple[int, Draw, Outcome, dict[str, float], GoalStream]]:
+def runs(
+    seed: int, count: int, **options: int
+) -> Iterator[tuple[int, Draw, Outcome, dict[str, float], GoalStream]]:
     """Each run by a generator of its own, so that one can be repeated alone."""
     for i in range(count):
         draw = drawn(random.Random(seed * 1_000_003 + i))
@@ -209,7 +217,9 @@ def runs(seed: int, count: int, **options: int) -> Iterator[tuple[int, Draw, Out
 
 def main() -> int:
     """Print what was found; 1 if any fault was."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
     parser.add_argument("--runs", type=int, default=300)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--iterations", type=int, default=40, help="bound of the solver")
@@ -218,9 +228,13 @@ def main() -> int:
     began, told, faults = time.monotonic(), time.monotonic(), 0
     table: dict[str, dict[str, float]] = {}
     late: dict[str, list[float]] = {"within": [], "trust": []}
-    for i, draw, found, verdict, _stream in runs(options.seed, options.runs, iterations=options.iterations):
+    for i, draw, found, verdict, _stream in runs(
+        options.seed, options.runs, iterations=options.iterations
+    ):
         mode = "within" if draw.within else "trust"
-        row = table.setdefault(mode, dict.fromkeys(("runs", "back", "over", "passed", "end", "undone"), 0))
+        row = table.setdefault(
+            mode, dict.fromkeys(("runs", "back", "over", "passed", "end", "undone"), 0)
+        )
         bad = {
             "back": verdict["turns"] > 0,
             "over": verdict["over"] > 1 + 1e-9 or verdict["gap"] > 1e-12,
@@ -239,11 +253,18 @@ def main() -> int:
                   f"{mode} share {draw.share} stop {draw.stop:.3f} late {found.late / draw.stop:.2f}", flush=True)  # fmt: skip
         if time.monotonic() - told > 10.0:
             told = time.monotonic()
-            print(f"{i + 1} of {options.runs} runs, {told - began:.0f} s, {faults} with a fault", flush=True)
+            print(
+                f"{i + 1} of {options.runs} runs, {told - began:.0f} s, {faults} with a fault",
+                flush=True,
+            )
     for mode, row in table.items():
         stops = np.percentile(late[mode], [50, 90, 99, 100])
         print(mode, ", ".join(f"{name} {int(n)}" for name, n in row.items()))
-        print("  later than possible, in stops: median {:.2f}, p90 {:.2f}, p99 {:.2f}, worst {:.2f}".format(*stops))
+        print(
+            "  later than possible, in stops: median {:.2f}, p90 {:.2f}, p99 {:.2f}, worst {:.2f}".format(
+                *stops
+            )
+        )
     return int(faults > 0)
 
 

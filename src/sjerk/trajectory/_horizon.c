@@ -146,13 +146,20 @@ static void add_row(problem *p, int32_t joint, int32_t i, const double *coeffici
     p->start[++p->qp.rows] = entries;
 }
 
-/* Whether all first differences have one sign: then the motion is inside where its control points are. */
+/* Whether all first differences have one sign and neither given control points nor the plan's are
+ * outside: then control points in the range do, without Bezier points. */
 static int32_t is_monotone(const sj_horizon *h, int32_t joint)
 {
     const int32_t *sign = h->direction + joint * h->knots;
-    for (int32_t k = 0; k < h->knots; k++)
-        if (sign[k] == 0 || sign[k] != sign[0])
+    const double *range = h->range + 2 * joint, *before = h->before + 3 * joint;
+    for (int32_t i = 1; i < 3; i++)
+        if (before[i] < range[0] - KEPT || before[i] > range[1] + KEPT)
             return 0;
+    for (int32_t k = 0; k < h->knots; k++) {
+        double c = h->fresh ? before[2] : h->plan[joint * h->knots + k];
+        if (sign[k] == 0 || sign[k] != sign[0] || c < range[0] - KEPT || c > range[1] + KEPT)
+            return 0;
+    }
     return 1;
 }
 

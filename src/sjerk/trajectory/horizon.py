@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +28,17 @@ _LAG, _TRUST = 1e-3, 3.0
 #: Control points further from the origin than so many knots at full velocity move it along.
 _FAR = 64.0
 _BOUNDS = 1e8
+
+
+class Mode(Enum):
+    """What becomes of bounds that the plan before does not keep."""
+
+    #: They hold; where nothing keeps them there is no answer.
+    HARD = 0
+    #: What the plan before does is allowed.
+    AS_BEFORE = 1
+    #: The same; but where it goes against a direction, no plan goes along that.
+    STRICT = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,12 +66,14 @@ class Aims:
 class Plan:
     """``control`` (N, knots) relative to the origin; ``progress`` (knots + 1,) from the present knot.
 
-    ``share`` (N,): of the way from the plan before to the best one; ``deviation`` (g, N) at the goals.
+    ``share`` (N,): of the way from the plan before to the best one; ``moment`` (g,) and
+    ``deviation`` (g, N) at the goals.
     """
 
     control: FloatArray
     progress: FloatArray
     share: FloatArray
+    moment: FloatArray
     deviation: FloatArray
     iterations: int
 
@@ -89,7 +103,9 @@ class Horizon:
             / self._unit[:, None],
             _BOUNDS,
         )
-        self.stop = [limit.velocity / limit.acceleration + limit.acceleration / limit.jerk for limit in own]
+        self.stop = [
+            limit.velocity / limit.acceleration + limit.acceleration / limit.jerk for limit in own
+        ]
         self._size = (0, 0)
         self.rest(position)
 
@@ -104,7 +120,9 @@ class Horizon:
     @property
     def resting(self) -> bool:
         """Whether nothing moves and nothing is planned to."""
-        return bool((self.given == self.given[:, 2:]).all() and (self.plan == self.given[:, 2:]).all())
+        return bool(
+            (self.given == self.given[:, 2:]).all() and (self.plan == self.given[:, 2:]).all()
+        )
 
     def ahead(self, knots: int) -> FloatArray:
         """Progress (knots + 1,) of the plan before, going on at its pace."""
@@ -120,13 +138,14 @@ class Horizon:
         *,
         paced: bool,
         ends: bool = False,
-        strict: bool = False,
+        mode: Mode = Mode.HARD,
         plan: FloatArray | None = None,
+        most: int | None = None,
     ) -> Plan:
         """The best plan of so many control points; with ``ends`` it ends on ``aims.end``, or share 0.
 
         ``progress`` (knots + 1,); ``paced``: it is chosen too. ``plan``: one that keeps the limits,
-        and is not longer; else the one before. With ``ends`` it is a guess.
+        and is not longer; else the one before. With ``ends`` it is a guess. ``most`` iterations.
         """
         n, joints, goals = knots, len(self.velocity), len(aims.moment)
         unit = self._unit[:, None]
@@ -164,8 +183,15 @@ class Horizon:
         if aims.velocity is not None:
             speed = np.ascontiguousarray(aims.velocity / self._unit)
             c.speed, c.speed_weight = ffi.from_buffer("double[]", speed), _SPEED
-        c.joints, c.knots, c.goals, c.paced, c.ends, c.fresh = joints, n, goals, paced, ends, ends
-        c.strict = strict
+        c.joints, c.knots, c.goals, c.paced, c.ends, c.fresh = (
+            joints,
+            n,
+            goals,
+            paced,
+            ends,
+            mode is Mode.HARD,
+        )
+        c.strict = mode is Mode.STRICT
         c.smooth, c.bend = self._smoothing, 5.0 / 24.0 / self.cycles**2
         fastest = float((self.velocity / self._unit).max())
         c.lag, c.trust, c.progress_before = _LAG * fastest * fastest, _TRUST, progress[0]
@@ -179,7 +205,7 @@ class Horizon:
             ffi.from_buffer("double[]", share),
             ffi.from_buffer("double[]", self._work),
             ffi.from_buffer("int32_t[]", self._ints),
-            self._most,
+            self._most if most is None else most,
             result,
         )
         value = np.empty((goals, joints))
@@ -196,15 +222,10 @@ class Horizon:
             control,
             np.concatenate([progress[:1], moved]),
             share,
+            aims.moment,
             value * self._unit - (aims.position - self.origin),
             result.iterations,
         )
-
-    def stay(self, aims: Aims, knots: int) -> Plan:
-        """The plan before, as it is."""
-        far = np.full((len(aims.moment), len(self.velocity)), np.inf)
-        none = np.zeros(len(self.velocity))
-        return Plan(resized(self.plan, knots), self.ahead(knots), none, 0.0 * none + far, 0)
 
     def hand_out(self, plan: Plan | None, end: FloatArray | None) -> Followed:
         """One knot more, of this plan, or of the one before; ``end`` (N,): bit for bit where it rests."""

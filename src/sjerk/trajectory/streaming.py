@@ -11,17 +11,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sjerk.errors import InputError, positive, real
-from sjerk.planner.planning import plan_velocity
-from sjerk.profile import FloatArray, Limits, State
-from sjerk.trajectory.horizon import Aims, Horizon, Plan, numbered
+from sjerk.profile import FloatArray, Limits
+from sjerk.trajectory.horizon import Aims, Horizon, Mode, Plan, numbered
 from sjerk.trajectory.joining import both
+from sjerk.trajectory.known import Known, Turns, monotone_pieces
 from sjerk.trajectory.segments import Followed
 
 #: Periods that a goal's time may lie beyond what is known: more is another clock.
@@ -36,11 +35,14 @@ _AHEAD = 3.0
 RESOLUTION = 1e-4
 #: Goals met closer than this, in knots at full velocity, need no common progress.
 _CLOSE = 5e-3
+#: Up to so many knots ahead; further ones may be further off.
+_NEAR = 2.0
 #: A goal counts as denser than knots down to this share of one.
 _DENSE = 1e-3
 #: Of the way a source needs to stop, by differences of its goals.
 _SURE = 0.98
-_ROUNDS = 2
+#: Solutions with a common progress in a knot; the next knot goes on.
+_ROUNDS = 1
 #: Differences of control points below this share of a knot's way at full velocity are none.
 _STILL = 1e-9
 #: Iterations of the solver in one solution.
@@ -67,15 +69,6 @@ class StreamReport:
     starving: bool
     beyond: FloatArray
     reversals: NDArray[np.int64]
-
-
-class _Goal(NamedTuple):
-    """``time`` (s) in the stream's own clock; ``cycle`` in which it is due."""
-
-    position: FloatArray
-    time: float
-    cycle: int
-    velocity: FloatArray | None
 
 
 class GoalStream:
@@ -159,10 +152,13 @@ class GoalStream:
             smoothing=positive("smoothing", smoothing),
             iterations=iterations,
         )
+        self._per_cycle = np.array(
+            [[x.velocity * self._T, x.acceleration * self._T**2, x.jerk * self._T**3] for x in own]
+        )
         self._ranges = np.array(
             [(-np.inf, np.inf) if x.position is None else x.position for x in self._limits]
         )
-        self._known: list[_Goal] = [_Goal(at, 0.0, 0, None)]  # the last ones passed, and those ahead
+        self._known = Known(at, 0, 0.0)
         self._first = True  # no goal was timed yet since the start or a rest elsewhere
         self._ended = False
         self._arriving = 0  # knots of a plan that ends on the last goal
@@ -172,7 +168,7 @@ class GoalStream:
         self._starving = False
         self.kept = 0
         self._beyond, self._deviation = np.zeros(n), np.zeros(n)
-        self._turns = _Turns(at, RESOLUTION * self._horizon.velocity)
+        self._turns = Turns(at, RESOLUTION * self._horizon.velocity)
 
     # ---- what comes in
 
@@ -194,23 +190,23 @@ class GoalStream:
         for name, limit, x in zip(self._names, self._limits, goal.tolist(), strict=True):
             if limit.position is not None and not limit.position[0] <= x <= limit.position[1]:
                 raise InputError(f"position of {name}", x, f"must lie in {limit.position}")
-        last = self._known[-1]
-        at = last.time + self._period if time is None else real("time", time)
-        if self._goals and not at > last.time:
-            raise InputError("time", time, f"must be after {last.time}")
-        idle = max(self._cycle + self._behind - last.cycle, 0) * self._T
-        most = last.time + idle + FURTHEST * self._period
+        known = self._known
+        at = known.time + self._period if time is None else real("time", time)
+        if self._goals and not at > known.time:
+            raise InputError("time", time, f"must be after {known.time}")
+        idle = max(self._cycle + self._behind - known.last_cycle, 0) * self._T
+        most = known.time + idle + FURTHEST * self._period
         if not self._first and at > most * (1.0 + 1e-12):
             raise InputError("time", time, f"must be at most {most!r}: {FURTHEST} periods ahead")
         if self._first or (time is None and self._waiting()):
             self._first = False
             due = self._cycle + self._behind
             self._begin = due - self._cycles(self._period)
-            self._known = [_Goal(self._horizon.knot.position, at, self._begin, None)]
+            self._known = Known(self._horizon.knot.position, self._begin, at)
             self._horizon.progress = np.zeros(1)
         else:
-            due = max(last.cycle + self._cycles(at - last.time), last.cycle + 1)
-        self._known.append(_Goal(goal, at, due, speed))
+            due = max(known.last_cycle + self._cycles(at - known.time), known.last_cycle + 1)
+        self._known.add(goal, due, at, speed)
         self._goals += 1
         self._arriving = 0
         self._turns.add(goal)
@@ -224,24 +220,20 @@ class GoalStream:
 
         Counts as starved; the goals ahead are timed anew. Raises InputError.
         """
-        at = self._row("position", position)
-        ahead = self._known[self._index() :]
+        at, known = self._row("position", position), self._known
+        self._look()
         self._horizon.rest(at)
         self._cycle = max(self._cycle, cycle)
-        self._starving, self._arriving, self._first = True, 0, not ahead
+        self._starving, self._arriving, self._begin = True, 0, self._cycle
         self._starved += 1
-        if ahead:
-            late = self._cycle + self._behind - ahead[0].cycle
-            ahead = [goal._replace(cycle=goal.cycle + late) for goal in ahead]
-            self._begin = self._cycle
-            self._known = [_Goal(at, ahead[0].time - self._period, self._begin, None), *ahead]
-        else:
-            self._known = [self._known[-1]]
+        self._first = known.first == len(known)
+        if not self._first:
+            known.move(self._cycle + self._behind - int(known.cycle[known.first]))
 
     def skipped(self, cycles: int) -> None:
         """So many cycles of the clock were left out: goals are due as much earlier."""
-        self._known = [goal._replace(cycle=goal.cycle - cycles) for goal in self._known]
-        if self._waiting() or self._horizon.resting:
+        self._known.move(-cycles)
+        if self._horizon.resting:
             self._begin -= cycles
         else:
             self._horizon.progress = self._horizon.progress - cycles / self._m
@@ -256,7 +248,12 @@ class GoalStream:
     @property
     def done(self) -> bool:
         """Whether the stream was ended and what was handed out rests on its last goal."""
-        return self._ended and self._horizon.resting and not self._horizon.knot.moving and self._on_last()
+        return (
+            self._ended
+            and self._horizon.resting
+            and not self._horizon.knot.moving
+            and self._on_last()
+        )
 
     @property
     def report(self) -> StreamReport:
@@ -318,74 +315,72 @@ class GoalStream:
         self._turns.sign, self._turns.count = self._turns.see(step[:, None])
         return horizon.hand_out(plan, self._last())
 
-    def _index(self) -> int:
-        """The first goal that is ahead."""
-        now = self._horizon.progress[0]
-        due = self._due()
-        return int(np.searchsorted(due, now + 1e-9, side="right"))
-
-    def _due(self) -> FloatArray:
-        """When goals are due, in knots from now; the sample is half a cycle behind the spline."""
-        cycles = np.array([goal.cycle for goal in self._known], dtype=np.float64)
-        return (cycles - 0.5 - self._cycle) / self._m
+    def _look(self) -> None:
+        """Which goals are ahead."""
+        now = self._cycle + 0.5 + (self._horizon.progress[0] + 1e-9) * self._m
+        self._known.forget(now)
 
     def _waiting(self) -> bool:
-        return self._index() == len(self._known)
+        """Whether no goal is ahead."""
+        now = self._cycle + 0.5 + (float(self._horizon.progress[0]) + 1e-9) * self._m
+        return self._known.last_cycle <= now
 
     def _last(self) -> FloatArray:
-        return self._known[-1].position
+        return self._known.last
 
     def _on_last(self) -> bool:
         return bool((self._horizon.knot.position == self._last()).all())
 
     def _plan(self) -> Plan:
         """Each joint by itself where goals are met so; else with a common progress."""
-        horizon = self._horizon
-        first = self._index()
-        self._known = self._known[max(0, first - 1 - self._kept(first)) :]
-        due = self._due()
-        first = self._index()
-        self._starve(first == len(due))
+        horizon, known = self._horizon, self._known
+        self._look()
+        known.trim(
+            min(known.last_cycle, self._cycle + horizon.progress[0] * self._m) - 3.0 * self._m
+        )
+        # the sample is half a cycle behind the spline
+        due = (known.cycle - (self._cycle + 0.5)) / self._m
+        self._starve(known.first == len(known))
         best = None
         if horizon.progress[0] > -1e-2:
             progress = np.arange(float(2 * (self._most + self._tail)))
-            best = self._solve(due, progress, first, None, paced=False)
+            best = self._solve(due, progress, None, paced=False)
         if best is None or not self._close(best):
             progress, plan = horizon.ahead(2 * (self._most + self._tail)), None
             for _ in range(_ROUNDS):
-                best = self._solve(due, progress, first, plan, paced=True)
+                best = self._solve(due, progress, plan, paced=True)
                 if best is None:
                     break
                 progress, plan = best.progress, best.control
         if best is None:
             self.kept += 1
-            aims, knots = self._aims(due, horizon.ahead(2 * (self._most + self._tail)), first)
-            best = horizon.stay(aims, knots)
-        return self._arrive(due, first, best) or best
+            progress = horizon.ahead(2 * (self._most + self._tail))
+            aims, knots = self._aims(due, progress)
+            best = horizon.solve(aims, knots, progress, paced=False, mode=Mode.AS_BEFORE, most=0)
+        return self._arrive(due, best) or best
 
     def _solve(
         self,
         due: FloatArray,
         progress: FloatArray,
-        first: int,
         plan: FloatArray | None,
         *,
         paced: bool,
     ) -> Plan | None:
         """The best plan that turns no more often than the goals do."""
-        aims, knots = self._aims(due, progress, first, 0 if plan is None else plan.shape[1])
-        for strict in (False, True):
+        aims, knots = self._aims(due, progress, 0 if plan is None else plan.shape[1])
+        for mode in Mode:
             best = self._horizon.solve(
-                aims, knots, progress[: knots + 1], paced=paced, plan=plan, strict=strict
+                aims, knots, progress[: knots + 1], paced=paced, plan=plan, mode=mode
             )
-            if self._turns_kept(aims, best):
+            if (mode is not Mode.HARD or best.share.all()) and self._turns_kept(aims, best):
                 break
         else:
             return None
         last = min(knots, max(1, math.ceil(aims.moment[-1]) if len(aims.moment) else 1))
         more = np.arange(1.0, 2 * (self._most + self._tail) - last)
         progress = np.concatenate([best.progress[: last + 1], best.progress[last] + more])
-        return Plan(best.control, progress, best.share, best.deviation, best.iterations)
+        return replace(best, progress=progress)
 
     def _turns_kept(self, aims: Aims, plan: Plan) -> bool:
         """Whether it turns no more often than the goals, or than its directions."""
@@ -397,16 +392,10 @@ class GoalStream:
         return bool((count <= np.maximum(self._turns.asked, asked)).all())
 
     def _close(self, plan: Plan) -> bool:
-        """Whether goals are met, so that the joints need nothing in common."""
-        return bool((np.abs(plan.deviation) <= _CLOSE * self._horizon.velocity).all())
-
-    def _kept(self, first: int) -> int:
-        """Passed goals to keep, for differences over a knot."""
-        least = self._known[min(first, len(self._known) - 1)].cycle - 3 * self._m
-        kept = 0
-        while kept < first - 1 and self._known[first - 2 - kept].cycle > least:
-            kept += 1
-        return kept + 2
+        """Whether goals are met, so that the joints need nothing in common; far ones may change."""
+        moment = plan.moment[:, None]
+        far = 1.0 + (moment / _NEAR) ** 2
+        return bool((np.abs(plan.deviation) <= far * (_CLOSE * self._horizon.velocity)).all())
 
     def _starve(self, out: bool) -> None:
         if not out or self._ended or self._within:
@@ -415,32 +404,30 @@ class GoalStream:
             self._starving = True
             self._starved += 1
 
-    def _aims(
-        self, due: FloatArray, progress: FloatArray, first: int, least: int = 0
-    ) -> tuple[Aims, int]:
+    def _aims(self, due: FloatArray, progress: FloatArray, least: int = 0) -> tuple[Aims, int]:
         """The goals as a plan with this progress has them, and its length."""
-        horizon = self._horizon
-        position = np.array([goal.position for goal in self._known])
+        horizon, known = self._horizon, self._known
+        first, position = known.first, known.position
         rising = np.maximum.accumulate(progress) + 1e-9 * np.arange(len(progress))
         moment = np.interp(due, rising, np.arange(float(len(rising))))
         moment = np.where(due > rising[-1], len(rising) - 1 + due - rising[-1], moment)
         moment = np.where(due < rising[0], due - rising[0], moment)
-        ahead = np.arange(first, len(due))
-        ahead = ahead[moment[ahead] < self._most]
+        ahead = np.arange(first, first + int(np.searchsorted(moment[first:], self._most)))
         at = moment[ahead]
         knots = (math.ceil(at[-1]) if len(at) else 0) + self._tail
         knots = max(knots, horizon.plan.shape[1], least)
-        gap = np.diff(at, prepend=moment[ahead[0] - 1] if len(ahead) and ahead[0] else 0.0)
+        gap = np.diff(at, prepend=moment[first - 1])
+        slopes = known.slopes(due, ahead)
         speed = None
-        if any(self._known[i].velocity is not None for i in ahead):
-            speed = np.array([self._velocity(i, due) for i in ahead])
-        last = position[-1]
-        here = horizon.knot.position
-        given = horizon.given[:, 2] + horizon.origin
+        if known.speeds:
+            speed = known.velocity[ahead] * (self._m * self._T)
+            speed = np.where(np.isnan(speed), slopes, speed)
+        last, here = position[-1], horizon.knot.position
         low = np.minimum(np.minimum(position[first:].min(axis=0, initial=np.inf), here), last)
         high = np.maximum(np.maximum(position[first:].max(axis=0, initial=-np.inf), here), last)
         if not self._within and not self._ended:
-            more = self._onward()
+            more = known.onward(self._m, self._per_cycle)
+            more = np.sign(more) * np.maximum(_SURE * np.abs(more) - _CLOSE * horizon.velocity, 0.0)
             low, high = np.minimum(low, last + more), np.maximum(high, last + more)
         low, high = np.maximum(low, self._ranges[:, 0]), np.minimum(high, self._ranges[:, 1])
         return (
@@ -448,98 +435,42 @@ class GoalStream:
                 at,
                 np.clip(gap, _DENSE, 1.0),
                 position[ahead],
-                self._slopes(due, position, ahead),
+                slopes,
                 speed,
                 np.column_stack([low, high]),
-                self._directions(moment, position, first, knots, given),
+                self._directions(moment, knots),
                 last,
                 self._ended,
             ),
             knots,
         )
 
-    def _velocity(self, i: int, due: FloatArray) -> FloatArray:
-        """Of a goal, per knot; by differences where it has none."""
-        known = self._known[i].velocity
-        if known is not None:
-            return known * (self._m * self._T)
-        position = np.array([goal.position for goal in self._known])
-        return self._slopes(due, position, np.array([i]))[0]
-
-    def _slopes(self, due: FloatArray, position: FloatArray, ahead: NDArray[np.intp]) -> FloatArray:
-        """How goals change with progress: differences over at least a knot, where there are goals."""
-        after = np.searchsorted(due, due[ahead] + 0.5).clip(max=len(due) - 1)
-        before = (np.searchsorted(due, due[ahead] - 0.5, side="right") - 1).clip(min=0)
-        time = np.maximum(due[after] - due[before], 1e-9)[:, None]
-        return np.asarray((position[after] - position[before]) / time)
-
-    def _directions(
-        self,
-        moment: FloatArray,
-        position: FloatArray,
-        first: int,
-        knots: int,
-        given: FloatArray,
-    ) -> NDArray[np.int32]:
+    def _directions(self, moment: FloatArray, knots: int) -> NDArray[np.int32]:
         """The sign of each first difference (N, knots): that of the goals where it is felt."""
-        joints, centre = len(given), np.arange(knots) + 1.5
-        found = np.zeros((joints, knots), dtype=np.int32)
-        begin = max(first - 1, 0)
-        at, way = moment[begin:], position[begin:]
-        still = RESOLUTION * self._horizon.velocity
-        for j in range(joints):
-            going = int(self._turns.sign[j])
-            found[j] = going
-            for sign, one, _ in self._pieces(way[:, j], j):
-                if sign == going and one == 0:
-                    continue
-                top = one  # where it turns: the last of equal goals
-                while one == 0 and top + 1 < len(way) and abs(way[top + 1, j] - way[0, j]) <= still[j]:
-                    top += 1
-                since = -np.inf if going == 0 and one == 0 else at[top]
-                found[j, centre >= since] = sign
+        horizon, going = self._horizon, self._turns.sign
+        centre, begin = np.arange(knots) + 1.5, self._known.first - 1
+        found = np.repeat(going.astype(np.int32)[:, None], knots, axis=1)
+        at, way = moment[begin:], self._known.position[begin:]
+        still = RESOLUTION * horizon.velocity
+        for j, resolution in enumerate(still.tolist()):
+            for sign, one in monotone_pieces(way[:, j], resolution):
+                found[j, centre >= at[one] if going[j] else slice(None)] = sign
         # where goals rest: on towards them; a motion that is beyond them must turn
-        left, step = way[-1] - given, given - self._horizon.given[:, 1] - self._horizon.origin
+        given = horizon.given + horizon.origin[:, None]
+        left, step = way[-1] - given[:, 2], given[:, 2] - given[:, 1]
         on = np.where(left * step >= 0.0, np.sign(left), 0.0).astype(np.int32)
         if not self._within and not self._ended:
-            on = np.where(on == 0, self._turns.sign, on).astype(np.int32)
+            on = np.where(on == 0, going, on).astype(np.int32)
         flat = (np.abs(way - way[-1]) <= still).all(axis=0)
         found[flat] = on[flat, None]
         return found
 
-    def _pieces(self, way: FloatArray, joint: int) -> list[tuple[int, int, int]]:
-        return monotone_pieces(way, RESOLUTION * float(self._horizon.velocity[joint]))
-
-    def _onward(self) -> FloatArray:
-        """Trust: how far the source goes at least if it keeps the limits: its shortest stop."""
-        goals = [self._known[-1]]
-        for goal in reversed(self._known[:-1]):
-            if len(goals) < 3 and goals[-1].cycle - goal.cycle >= self._m:
-                goals.append(goal)
-        more = np.zeros(len(self._limits))
-        if len(goals) < 3:
-            return more
-        three, two, one = goals
-        b, c = (two.cycle - one.cycle) * self._T, (three.cycle - two.cycle) * self._T
-        v0, v1 = (two.position - one.position) / b, (three.position - two.position) / c
-        for j, limits in enumerate(map(both, self._limits)):
-            if v0[j] * v1[j] <= 0.0:
-                continue
-            sign, A, J = math.copysign(1.0, v1[j]), limits.acceleration, limits.jerk
-            mean = sign * float(v1[j] - v0[j]) / ((b + c) / 2.0)
-            a = max(-A, mean - J * (b + c) / 2.0)
-            v = sign * float(v1[j]) + (mean + a) / 2.0 * c / 2.0 - J * c * c / 6.0
-            if v > 0.0:
-                state = State(0.0, min(v, limits.velocity), min(a, A))
-                way = plan_velocity(state, 0.0, limits, self._T).end.position
-                more[j] = sign * max(_SURE * way - _CLOSE * self._horizon.velocity[j], 0.0)
-        return more
-
-    def _arrive(self, due: FloatArray, first: int, best: Plan) -> Plan | None:
+    def _arrive(self, due: FloatArray, best: Plan) -> Plan | None:
         """The first knot in which all joints can rest on the last goal, if there is one soon."""
+        first = self._known.first
         if not (self._ended or (self._within and first == len(due))):
             return None
-        aims, _ = self._aims(due, best.progress, first)
+        aims, _ = self._aims(due, best.progress)
         last = float(aims.moment[-1]) if len(aims.moment) else 0.0
         if len(aims.moment) < len(due) - first:
             return None
@@ -547,17 +478,8 @@ class GoalStream:
         allowed = np.maximum(1.2 * worst, _CLOSE * self._horizon.velocity)
         n = max(1, math.ceil(last - 1e-9) - 2)
         for knots in range(n, n + self._tail):
-            aims, _ = self._aims(due, best.progress, first)
-            short = Aims(
-                aims.moment,
-                aims.weight,
-                aims.position,
-                aims.slope,
-                aims.velocity,
-                aims.range,
-                np.ascontiguousarray(aims.direction[:, :knots]),
-                aims.end,
-                True,
+            short = replace(
+                aims, direction=np.ascontiguousarray(aims.direction[:, :knots]), ended=True
             )
             progress = best.progress[: knots + 1]
             if len(progress) < knots + 1:
@@ -567,26 +489,24 @@ class GoalStream:
             )
             if (found.share == 1.0).all() and (np.abs(found.deviation) <= allowed).all():
                 self._arriving = knots + 2
-                return Plan(found.control, best.progress, found.share, found.deviation, 0)
+                return replace(found, progress=best.progress)
         return None
 
     # ---- bookkeeping
 
     def _count(self, plan: Plan | None) -> None:
         """The goals that the next knot passes."""
-        due, now = self._due(), self._horizon.progress[0]
-        first = self._index()
-        if plan is None:
-            passed = int(np.sum((due > now) & (due <= self._horizon.ahead(1)[1])))
-        else:
-            passed = int(np.sum((due > now) & (due <= plan.progress[1])))
-            if passed:
-                worst = np.abs(plan.deviation[:passed]).max(axis=0, initial=0.0)
+        self._look()
+        known, horizon = self._known, self._horizon
+        progress = horizon.ahead(1) if plan is None else plan.progress
+        until = self._cycle + 0.5 + (float(progress[1]) + 1e-9) * self._m
+        passed = int(np.searchsorted(known.cycle, until, side="right")) - known.first
+        if passed > 0:
+            if plan is not None and len(plan.deviation):
+                worst = np.abs(plan.deviation[:passed]).max(axis=0)
                 self._deviation = np.maximum(self._deviation, worst)
-        if passed and first < len(due):
             self._passed += passed
-            ahead = self._horizon.ahead(1) if plan is None else plan.progress
-            self._lag = max(0.0, 1.0 - float(ahead[1])) * self._m * self._T
+            self._lag = max(0.0, 1.0 - float(progress[1])) * self._m * self._T
             self._worst = max(self._worst, self._lag)
         if self._starving:
             gap = np.abs(self._horizon.knot.position - self._last())
@@ -605,56 +525,3 @@ class GoalStream:
         if not np.isfinite(row).all():
             raise InputError(name, row.tolist(), "must be finite")
         return row
-
-
-def monotone_pieces(way: FloatArray, resolution: float) -> list[tuple[int, int, int]]:
-    """Sign, first and last index of the pieces of a row that do not turn by more than so much.
-
-    >>> monotone_pieces(np.array([0.0, 1.0, 0.999, 2.0, 0.5]), 0.01)
-    [(1, 0, 3), (-1, 3, 4)]
-    """
-    pieces: list[tuple[int, int, int]] = []
-    sign, begin, top = 0, 0, 0
-    for i in range(1, len(way)):
-        step = way[i] - way[top]
-        if sign == 0:
-            if abs(step) > resolution:
-                sign, top = (1 if step > 0 else -1), i
-        elif sign * step >= 0.0:
-            top = i
-        elif abs(step) > resolution:
-            pieces.append((sign, begin, top))
-            sign, begin, top = -sign, top, i
-    pieces.append((sign, begin, len(way) - 1))
-    return pieces
-
-
-class _Turns:
-    """Changes of direction per joint: of the goals, and of what was handed out."""
-
-    def __init__(self, start: FloatArray, resolution: FloatArray) -> None:
-        self._resolution, self._top = resolution, start.copy()
-        self.asked = np.zeros(len(start), dtype=np.int64)
-        self._going = np.zeros(len(start), dtype=np.int64)
-        self.sign, self.count = self._going.copy(), self.asked.copy()
-
-    def add(self, goal: FloatArray) -> None:
-        """A goal more."""
-        step = goal - self._top
-        sign = np.where(np.abs(step) > self._resolution, np.sign(step), self._going).astype(np.int64)
-        self.asked += (sign != self._going) & (self._going != 0)
-        moved = (sign != self._going) | (self._going * step > 0.0)
-        self._top, self._going = np.where(moved, goal, self._top), sign
-
-    def more(self) -> NDArray[np.int64]:
-        """Turns of the motion that the goals do not have (N,)."""
-        return np.maximum(self.count - self.asked, 0)
-
-    def see(self, steps: FloatArray) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Sign and count after these differences of control points (N, n)."""
-        sign, count = self.sign, self.count
-        for step in steps.T:
-            now = np.where(step != 0.0, np.sign(step), sign).astype(np.int64)
-            count = count + ((now != sign) & (sign != 0))
-            sign = now
-        return sign, count
