@@ -19,6 +19,7 @@ HEADERS = (
     "base/_types.h",
     "planner/_planner.h",
     "dpram/_dpram.h",
+    "drive/_words.h",
     "drive/_drive.h",
     "_kernel.h",
     "trajectory/_qp.h",
@@ -30,6 +31,7 @@ HEADERS = (
     "cycle/_payload.h",
     "cycle/_trace_items.h",
     "cycle/_state.h",
+    "cycle/_cycle.h",
     "kernel/_clock.h",
 )
 C_ONLY = "/* For C only. */"

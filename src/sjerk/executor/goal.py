@@ -15,7 +15,7 @@ import numpy as np
 
 from sjerk.errors import InputError, positive, real
 from sjerk.profile import FloatArray
-from sjerk.trajectory.trajectory import ExecutionMode, Fault, FaultKind, Trajectory, TrajectoryError
+from sjerk.trajectory import ExecutionMode, FaultKind, Trajectory, TrajectoryError, TrajectoryFault
 
 
 class ResultCode(IntEnum):
@@ -138,13 +138,15 @@ def from_message(message: Any) -> tuple[Trajectory, float]:
     """
     _has("trajectory", message, ("joint_names", "points", "header"))
     names, points = list(message.joint_names), list(message.points)
-    faults = [] if points else [Fault(FaultKind.EMPTY, "no points")]
+    faults = [] if points else [TrajectoryFault(FaultKind.EMPTY, "no points")]
     for i, point in enumerate(points):
         _has(f"trajectory.points[{i}]", point, _POINT)
         for kind in ("positions", "velocities", "accelerations"):
             size = len(getattr(point, kind))
             if size != len(names) and (size or kind == "positions"):
-                faults.append(Fault(FaultKind.SIZE, f"{size} {kind} for {len(names)} joints", i))
+                faults.append(
+                    TrajectoryFault(FaultKind.SIZE, f"{size} {kind} for {len(names)} joints", i)
+                )
     if faults:
         raise TrajectoryError(faults)
     moments = [p.time_from_start.sec + 1e-9 * p.time_from_start.nanosec for p in points]
@@ -182,7 +184,7 @@ def tolerances(
 ) -> list[Tolerance]:
     """One per joint, in order; a joint that the goal does not have is an invalid goal."""
     unknown = [
-        Fault(FaultKind.JOINTS, f"{field} of no joint of the goal", joint=name)
+        TrajectoryFault(FaultKind.JOINTS, f"{field} of no joint of the goal", joint=name)
         for name in own or {}
         if name not in names
     ]
@@ -191,13 +193,13 @@ def tolerances(
     return [(own or {}).get(n, Tolerance()).over(default.get(n, Tolerance())) for n in names]
 
 
-def violated(told: GoalFeedback, k: int, limit: Tolerance) -> str:
+def violated(feedback: GoalFeedback, k: int, limit: Tolerance) -> str:
     """What is out of tolerance at joint k, or nothing."""
-    velocity = told.desired_velocity[k] - told.actual_velocity[k]
+    velocity = feedback.desired_velocity[k] - feedback.actual_velocity[k]
     for name, error, most in (
-        ("position", told.error[k], limit.position),
+        ("position", feedback.error[k], limit.position),
         ("velocity", velocity, limit.velocity),
     ):
         if most > 0.0 and not abs(error) <= most:
-            return f"joint {told.joint_names[k]}: {name} off by {error:g}, more than {most:g}"
+            return f"joint {feedback.joint_names[k]}: {name} off by {error:g}, more than {most:g}"
     return ""

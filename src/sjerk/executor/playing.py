@@ -16,21 +16,12 @@ from typing import Self
 from numpy.typing import ArrayLike
 
 from sjerk.errors import InputError, SjerkError, positive
-from sjerk.host.feedback import PathState
-from sjerk.host.host import Host
-from sjerk.host.path import Path
+from sjerk.host import Host, Path, PathState
+from sjerk.host.arguments import joint_axes
 from sjerk.profile import Limits
 from sjerk.trajectory.joining import brake
 from sjerk.trajectory.segments import Followed, Knot
 from sjerk.trajectory.streaming import GoalStream, StreamReport
-
-_OVER = (
-    PathState.DONE,
-    PathState.STOPPED,
-    PathState.LEFT,
-    PathState.REFUSED,
-    PathState.SUPERSEDED,
-)
 
 
 class StreamPlayer:
@@ -53,8 +44,8 @@ class StreamPlayer:
         axes: Sequence[int] | None = None,
     ) -> None:
         """Raises InputError."""
-        self._host, self._T = host, host._T
-        self._axes = host._joints(axes)
+        self._host, self._T = host, host.cycle_time
+        self._axes = joint_axes(axes, host.axis_count)
         frame = host.feedback()
         self._limits: list[Limits] = [frame.axes[i].limits for i in self._axes]
         self._stream = GoalStream(
@@ -78,7 +69,7 @@ class StreamPlayer:
         self._over = threading.Event()
         self._error: SjerkError | None = None
         self._thread: threading.Thread | None = None
-        if host._cyclic:
+        if host.clocked:
             self._thread = threading.Thread(target=self._feed, daemon=True)
             self._thread.start()
 
@@ -156,11 +147,11 @@ class StreamPlayer:
                 self._stream.rested([frame.axes[i].position for i in self._axes], 0)
                 self._idle_since = (cycle, self._stream.cycle)
                 return
-            if self._path is not None and not self._host._cyclic:
+            if self._path is not None and not self._host.clocked:
                 self._path.pump()
-            if self._path is not None and self._path.state in _OVER:
+            if self._path is not None and self._path.state.ended:
                 if self._path.state is not PathState.DONE:
-                    self._path._raise()
+                    self._path.check()
                 played = self._begin + (self._ends[-1] if self._ends else 0)
                 self._path = None
                 if len(self._ends) > self._firm:  # the brake was played

@@ -1,1 +1,7 @@
-"""Every cycle to a file, and again from there."""
+"""Every cycle of a kernel to a file, and again from there."""
+
+from sjerk.recording.recorder import Recorder
+from sjerk.recording.recording import Gap, Recording
+from sjerk.recording.simulation import Difference, Replay, replay, simulate
+
+__all__ = ["Difference", "Gap", "Recorder", "Recording", "Replay", "replay", "simulate"]

@@ -27,11 +27,9 @@ typedef struct {
 
 int64_t sj_follow_row(int32_t joints);
 int64_t sj_follow_spare(int32_t joints);
-int64_t sj_follow_least(const sj_follow *s, int64_t i);
 void    sj_follow_begin(const sj_follow *s, const double *velocity, const double *acceleration,
                         const double *last_jerk);
 int32_t sj_follow_plan(const sj_follow *s);
-int32_t sj_follow_could_lose(const sj_follow *s, int64_t i);
 /* Solve for the cycles as they are; share (points): the largest use of any limit per segment. */
 void    sj_follow_shares(const sj_follow *s, double *share);
 void    sj_follow_read(const sj_follow *s, int64_t count, int64_t *length, double *jerk,
@@ -45,3 +43,8 @@ int64_t sj_follow_sample(int64_t count, int64_t joints, const double *position,
                          const double *velocity, const double *acceleration,
                          const double *last_jerk, const int64_t *length, const double *jerk,
                          const sj_follow_samples *out);
+
+/* For C only. */
+
+int64_t sj_follow_least(const sj_follow *s, int64_t i);
+int32_t sj_follow_could_lose(const sj_follow *s, int64_t i);

@@ -14,11 +14,12 @@ import numpy as np
 
 from sjerk.errors import InputError, PlanError
 from sjerk.profile import FloatArray, Limits
+from sjerk.trajectory.faults import TrajectoryError
 from sjerk.trajectory.following import BLOCK, follow
 from sjerk.trajectory.joining import join
 from sjerk.trajectory.segments import Followed, IntArray, Knot, dwell
 from sjerk.trajectory.thinning import follow_within
-from sjerk.trajectory.trajectory import Trajectory, TrajectoryError
+from sjerk.trajectory.trajectory import Trajectory
 
 #: Closer to its first way-point a motion needs no ramp; axis units.
 _THERE = 1e-9

@@ -17,8 +17,9 @@ from numpy.typing import ArrayLike
 from sjerk._binding import ffi, lib
 from sjerk.errors import InputError, PlanError, positive
 from sjerk.profile import CYCLES_MAX, FloatArray, Limits
+from sjerk.trajectory.faults import FaultKind, TrajectoryError, TrajectoryFault
 from sjerk.trajectory.segments import Followed, IntArray, Knot, doubles
-from sjerk.trajectory.trajectory import Fault, FaultKind, Trajectory, TrajectoryError
+from sjerk.trajectory.trajectory import Trajectory
 
 #: Way-points known beyond what is handed out, and way-points handed out at a time.
 LOOKAHEAD = 1024
@@ -127,12 +128,14 @@ def windows(
                 )
             table = limits_per_cycle(piece.limits_in_order(limits), T)
         elif piece.joint_names != names:
-            raise TrajectoryError([Fault(FaultKind.JOINTS, f"not {', '.join(names)}", total)])
+            raise TrajectoryError(
+                [TrajectoryFault(FaultKind.JOINTS, f"not {', '.join(names)}", total)]
+            )
         elif not piece.time[0] > latest:
             why = f"time = {piece.time[0]} s does not follow {latest} s"
-            raise TrajectoryError([Fault(FaultKind.TIME, why, total)])
+            raise TrajectoryError([TrajectoryFault(FaultKind.TIME, why, total)])
         if window.velocity is not None and piece.velocity is None:
-            raise TrajectoryError([Fault(FaultKind.SIZE, "has no velocities", total)])
+            raise TrajectoryError([TrajectoryFault(FaultKind.SIZE, "has no velocities", total)])
         _refuse(piece, limits, total, window.velocity is not None)
         latest = float(piece.time[-1])
         total += len(piece)
@@ -146,7 +149,7 @@ def windows(
             while len(window) > block + lookahead:
                 yield _hand_out(window, names, table, T, block)
     if names is None:
-        raise TrajectoryError([Fault(FaultKind.EMPTY, "no points")])
+        raise TrajectoryError([TrajectoryFault(FaultKind.EMPTY, "no points")])
     while len(window) > 1:
         yield _hand_out(window, names, table, T, len(window) - 1)
 
@@ -158,7 +161,7 @@ def _refuse(
     velocities: bool,
 ) -> None:
     wrong = [
-        Fault(fault.kind, fault.why, (fault.point or 0) + total, fault.joint)
+        TrajectoryFault(fault.kind, fault.why, (fault.point or 0) + total, fault.joint)
         for fault in piece.faults(limits, end_velocity_allowed=True)
         if fault.kind is FaultKind.POSITION_LIMIT
         or (velocities and fault.kind is FaultKind.VELOCITY_LIMIT)

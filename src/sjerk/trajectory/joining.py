@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sjerk.errors import InputError
-from sjerk.planner.planning import Synchronization, plan, plan_velocity
+from sjerk.planner import Synchronization, plan, plan_velocity
 from sjerk.profile import FloatArray, Limits, Profile, State
 from sjerk.trajectory.segments import PHASES, Followed, IntArray, Knot, begin_of, sample_of, through
 

@@ -357,6 +357,10 @@ class GoalStream:
             progress = horizon.ahead(2 * (self._most + self._tail))
             aims, knots = self._aims(due, progress)
             best = horizon.solve(aims, knots, progress, paced=False, mode=Mode.AS_BEFORE, most=0)
+        if horizon.resting and -horizon.progress[0] > self._tail and self._still(best):
+            # it turned before a goal, and does not go back to it
+            progress = best.progress - best.progress[0] + due[min(known.first, len(due) - 1)]
+            return replace(best, progress=progress)
         return self._arrive(due, best) or best
 
     def _solve(
@@ -390,6 +394,10 @@ class GoalStream:
         _, asked = self._turns.see(aims.direction.astype(np.float64))
         asked = asked + (aims.direction == 0).any(axis=1)
         return bool((count <= np.maximum(self._turns.asked, asked)).all())
+
+    def _still(self, plan: Plan) -> bool:
+        way = np.abs(plan.control - self._horizon.given[:, 2:]).max(axis=1)
+        return bool((way <= _CLOSE * self._horizon.velocity).all())
 
     def _close(self, plan: Plan) -> bool:
         """Whether goals are met, so that the joints need nothing in common; far ones may change."""
@@ -453,8 +461,8 @@ class GoalStream:
         at, way = moment[begin:], self._known.position[begin:]
         still = RESOLUTION * horizon.velocity
         for j, resolution in enumerate(still.tolist()):
-            for sign, one in monotone_pieces(way[:, j], resolution):
-                found[j, centre >= at[one] if going[j] else slice(None)] = sign
+            for i, (sign, one) in enumerate(monotone_pieces(way[:, j], resolution)):
+                found[j, centre >= (at[one] if going[j] or i else -np.inf)] = sign
         # where goals rest: on towards them; a motion that is beyond them must turn
         given = horizon.given + horizon.origin[:, None]
         left, step = way[-1] - given[:, 2], given[:, 2] - given[:, 1]

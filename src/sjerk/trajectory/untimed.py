@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sjerk.errors import InputError, PlanError, positive
-from sjerk.planner.planning import Motion, plan
+from sjerk.planner import Motion, plan
 from sjerk.profile import FloatArray, Limits
 from sjerk.trajectory.following import BLOCK, LOOKAHEAD, limits_per_cycle, windows
 from sjerk.trajectory.segments import Followed, IntArray
