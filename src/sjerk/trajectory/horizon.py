@@ -112,6 +112,7 @@ class Horizon:
     def rest(self, position: FloatArray) -> None:
         """Begin anew, at rest."""
         self.origin = position.copy()
+        self.end = position.copy()  # where a plan rests, bit for bit
         self.given = np.zeros((len(position), 3))  # the last three handed out
         self.plan = np.zeros((len(position), 1))
         self.progress = np.zeros(1)  # in knots, of the present knot and those ahead
@@ -227,8 +228,8 @@ class Horizon:
             result.iterations,
         )
 
-    def hand_out(self, plan: Plan | None, end: FloatArray | None) -> Followed:
-        """One knot more, of this plan, or of the one before; ``end`` (N,): bit for bit where it rests."""
+    def hand_out(self, plan: Plan | None) -> Followed:
+        """One knot more, of this plan, or of the one before."""
         if plan is not None:
             self.plan, self.progress = plan.control, plan.progress
         control = np.concatenate([self.given, self.plan[:, :1]], axis=1)
@@ -242,33 +243,29 @@ class Horizon:
         bend, slope = (c2 - c1) - (c1 - c0), (c2 - c0) / 2.0
         sample = c1 + (bend / 6.0 - e * (slope / 2.0 - e * (bend / 3.0 - e * jerk / 8.0)))
         position = self.origin + sample
-        if end is not None:
-            there = (c0 == c1) & (c1 == c2) & (c2 == end - self.origin) & (jerk == 0.0)
-            position = np.where(there, end, position)
+        there = (c0 == c1) & (c1 == c2) & (c2 == self.end - self.origin) & (jerk == 0.0)
+        position = np.where(there, self.end, position)
         before = self.knot
         self.knot = Knot(position, slope / h, bend / h**2, jerk / h**3)
         self._move_along()
         return self._followed(before, self.cycles, jerk / h**3)
 
-    def remainder(
-        self, names: tuple[str, ...], first: int, cycle: int, end: FloatArray
-    ) -> list[Followed]:
+    def remainder(self, names: tuple[str, ...], first: int, cycle: int) -> list[Followed]:
         """The plan to rest, without handing it out."""
         kept = dict(vars(self))
         found = []
         while not (self.resting and not self.knot.moving):
-            made = self.settle(1, end) if self.resting else self.hand_out(None, end)
+            made = self.settle(1) if self.resting else self.hand_out(None)
             found.append(numbered(made, names, first, cycle))
             first, cycle = first + 1, cycle + int(made.cycles[0])
         vars(self).update(kept)
         return found
 
-    def settle(self, cycles: int, end: FloatArray | None) -> Followed:
+    def settle(self, cycles: int) -> Followed:
         """Stay for so many cycles; the sample is settled after the first one."""
         before = self.knot
         at = self.origin + self.given[:, 2]
-        if end is not None:
-            at = np.where(self.given[:, 2] == end - self.origin, end, at)
+        at = np.where(self.given[:, 2] == self.end - self.origin, self.end, at)
         self.knot = Knot.rest(at)
         self.progress = np.zeros(1)
         self.rest(at)

@@ -45,6 +45,8 @@ _SURE = 0.98
 _ROUNDS = 1
 #: Differences of control points below this share of a knot's way at full velocity are none.
 _STILL = 1e-9
+#: Weight of jerk against distance from the goals.
+SMOOTHING = 0.1
 #: Iterations of the solver in one solution.
 ITERATIONS = 40
 _CYCLES = 2**50
@@ -110,7 +112,7 @@ class GoalStream:
         delay: int = 4,
         margin: float = 0.0,
         stop_within: bool = False,
-        smoothing: float = 0.1,
+        smoothing: float = SMOOTHING,
         knots: int = KNOTS,
         iterations: int = ITERATIONS,
         joint_names: Sequence[str] | None = None,
@@ -287,9 +289,22 @@ class GoalStream:
             self._segments += len(made)
         return found
 
+    def keep(self, cycle: int) -> int:
+        """Hand out the plan as it is, up to ``cycle`` or to its rest: what ``remainder`` told.
+
+        For what is played already. Returns how many segments.
+        """
+        begun, horizon = self._segments, self._horizon
+        while self._cycle < cycle and not (horizon.resting and not horizon.knot.moving):
+            made = horizon.settle(1) if horizon.resting else self._knot(None)
+            self._arriving = max(self._arriving - 1, 0)
+            self._cycle += int(made.cycles[0])
+            self._segments += 1
+        return self._segments - begun
+
     def remainder(self) -> list[Followed]:
         """What would follow if nothing else came: to rest. Hands out nothing."""
-        return self._horizon.remainder(self._names, self._segments, self._cycle, self._last())
+        return self._horizon.remainder(self._names, self._segments, self._cycle)
 
     # ---- the next piece
 
@@ -298,22 +313,28 @@ class GoalStream:
         horizon = self._horizon
         if horizon.resting:
             if horizon.knot.moving:
-                return horizon.settle(1, self._last())
+                return horizon.settle(1)
             if self._waiting() and not (self._ended and not self._on_last()):
-                return horizon.settle(max(cycle - self._cycle, 1), self._last())
+                return horizon.settle(max(cycle - self._cycle, 1))
             if self._cycle < self._begin and not self._waiting():
-                return horizon.settle(min(self._begin, cycle) - self._cycle, self._last())
+                return horizon.settle(min(self._begin, cycle) - self._cycle)
         if self._arriving:
             self._arriving -= 1
             plan = None
         else:
             plan = self._plan()
+            horizon.end = self._last().copy()
+        return self._knot(plan)
+
+    def _knot(self, plan: Plan | None) -> Followed:
+        """One knot of a plan, or of the one before."""
+        horizon = self._horizon
         self._count(plan)
         before = horizon.given[:, 2].copy()
         way = horizon.plan[:, 0] if plan is None else plan.control[:, 0]
         step = np.where(np.abs(way - before) > _STILL * horizon.velocity, way - before, 0.0)
         self._turns.sign, self._turns.count = self._turns.see(step[:, None])
-        return horizon.hand_out(plan, self._last())
+        return horizon.hand_out(plan)
 
     def _look(self) -> None:
         """Which goals are ahead."""
@@ -431,6 +452,8 @@ class GoalStream:
             speed = known.velocity[ahead] * (self._m * self._T)
             speed = np.where(np.isnan(speed), slopes, speed)
         last, here = position[-1], horizon.knot.position
+        whole = len(ahead) == len(due) - first  # else the plan rests on the last one looked at
+        end = last if whole else position[first - 1 + len(ahead)]
         low = np.minimum(np.minimum(position[first:].min(axis=0, initial=np.inf), here), last)
         high = np.maximum(np.maximum(position[first:].max(axis=0, initial=-np.inf), here), last)
         if not self._within and not self._ended:
@@ -447,8 +470,8 @@ class GoalStream:
                 speed,
                 np.column_stack([low, high]),
                 self._directions(moment, knots),
-                last,
-                self._ended,
+                end,
+                self._ended and whole,
             ),
             knots,
         )
