@@ -76,6 +76,15 @@ class _Finder(ast.NodeVisitor):
             self._add(node, ast.unparse(node))
         self.generic_visit(node)
 
+    def visit_Call(self, node: ast.Call) -> None:
+        """``getattr(x, "_name")`` is the same access."""
+        if ast.unparse(node.func) in ("getattr", "setattr", "hasattr", "delattr"):
+            owner, name = ast.unparse(node.args[0]), node.args[1]
+            private = isinstance(name, ast.Constant) and _is_private(str(name.value))
+            if private and owner not in self.own:
+                self._add(node, ast.unparse(node))
+        self.generic_visit(node)
+
     def _instances(self, method: ast.FunctionDef) -> set[str]:
         """What stands for an instance of the class in one of its methods."""
         assert self.cls is not None

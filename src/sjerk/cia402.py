@@ -80,7 +80,11 @@ class Command(enum.Enum):
 
 
 class Transition(NamedTuple):
-    """One row of the state machine: `number` from `source` to `target` when all of it holds."""
+    """One row of the state machine: `number` from `source` to `target` when all of it holds.
+
+    >>> next(row for row in TRANSITIONS if row.number == 4).command
+    <Command.ENABLE_OPERATION: (15, 15)>
+    """
 
     number: int
     source: DriveState | None
@@ -96,6 +100,9 @@ class Situation(NamedTuple):
 
     The controlword and the one before, 605Ah, 605Bh and 605Ch, and whether there is power, a fault
     to react to, a cause of the fault still, and whether the axis stands.
+
+    >>> next_state(DriveState.FAULT, Situation(controlword=0x80))[0].name
+    'SWITCH_ON_DISABLED'
     """
 
     controlword: int = 0

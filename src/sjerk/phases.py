@@ -72,7 +72,11 @@ class Samples:
 
 
 class Range(NamedTuple):
-    """Least and greatest value."""
+    """Least and greatest value.
+
+    >>> Range(-1.0, 2.0).high
+    2.0
+    """
 
     low: float
     high: float

@@ -1,4 +1,4 @@
-"""The planner, to be read beside the paper: profiles, and Eqs. (1)-(14).
+"""The planner, to be read next to the paper: profiles, and Eqs. (1)-(14).
 
 ``scurve`` is the paper's closed form with whole-cycle intervals, in its symbols; a ``Profile`` is
 what it returns: Eqs. (1)-(6) as a function of time, and the samples of Eqs. (15)-(17) from the C
@@ -152,7 +152,11 @@ class Profile(Plan):
             raise InputError("phases", self.phases, "must lead from start to end in whole cycles")
 
     def extrema(self) -> Extrema:
-        """Return the ranges of the plan, with the peaks inside phases (zeros of A and of V)."""
+        """Return the ranges of the plan, with the peaks inside phases (zeros of A and of V).
+
+        >>> scurve(160.0, Limits(90.0, 500.0, 5000.0), 1e-3).extrema().acceleration.high <= 500.0
+        True
+        """
         starts, _P, V, A, J = self._all_nodes()
         times = list(starts)
         for i in range(len(self.phases)):

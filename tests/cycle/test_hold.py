@@ -16,6 +16,7 @@ from helpers.loops import enabled
 from sjerk import Axis, Host, Limits, MotionKernel, Move
 from sjerk.cycle.states import AxisState
 from sjerk.host import MoveState
+from sjerk.recording import Frames
 
 #: A hold whose axes cannot brake harder than they do lasts to the goal.
 LONG = 2500
@@ -56,28 +57,24 @@ def cases(draw: st.DrawFn) -> Case:
 
 
 class Bench:
-    """One case, each cycle recorded: positions, and which axes are paced."""
+    """One case, each cycle recorded: positions, and which axes are held."""
 
     def __init__(self, case: Case) -> None:
         self.kernel, self.host = enabled([Axis(one, COUNTS) for one in case.limits], T)
         if case.change:
             self.host.move(case.first, synchronization=case.synchronization)  # type: ignore[arg-type]
             self.kernel.step(case.change)
-        self.rows: list[list[tuple[float, float, float, float]]] = []
-        self.paced: list[int] = []
+        self.frames = Frames(self.kernel)
         self.move = self.host.move(case.goal)
-        self.look()
-
-    def look(self) -> None:
-        frame = self.host.link.frame()
-        axes = [frame.axis[i] for i in range(frame.axes)]
-        self.rows.append([(a.position, a.velocity, a.acceleration, a.jerk) for a in axes])
-        self.paced.append(int(frame.feed_hold))
 
     def step(self, cycles: int) -> None:
-        for _ in range(cycles):
-            self.kernel.step()
-            self.look()
+        self.frames.step(cycles)
+
+    @property
+    def feed_hold(self) -> list[int]:
+        """Bits of the axes on a feed hold, by cycle."""
+        feed_hold: list[int] = self.frames.table["feed_hold"].tolist()
+        return feed_hold
 
     def finish(self) -> None:
         for _ in range(20_000):
@@ -89,7 +86,10 @@ class Bench:
     @property
     def table(self) -> Array:
         """(cycles, axes, 4): position, velocity, acceleration, jerk per cycle."""
-        return np.array(self.rows)
+        axes = self.frames.table["axis"]
+        return np.stack(
+            [axes[name] for name in ("position", "velocity", "acceleration", "jerk")], 2
+        )
 
 
 class Line:
@@ -225,10 +225,12 @@ def test_a_held_move_stays_on_its_way_and_ends_on_its_goal(
     steps = np.diff(places) * (np.abs(slope) / scale).max(axis=1)
     assert steps.min() >= -1e-9
     assert position[-1].tolist() == list(case.goal) == reference[-1].tolist()
-    back = int(np.max(np.flatnonzero(bench.paced), initial=-1)) + 2  # where its own samples begin
+    # where its own samples begin
+    back = int(np.max(np.flatnonzero(bench.feed_hold), initial=-1)) + 2
     end = int(np.flatnonzero((position != position[-1]).any(axis=1))[-1]) + 2
     own = max(end - back, 0)
-    if any(bench.paced):  # else one axis alone was left to move, or a straight line: by plans anew
+    # else one axis alone was left to move, or a straight line: by plans anew
+    if any(bench.feed_hold):
         assert np.array_equal(table[end - own : end], whole[len(whole) - own :])
 
 

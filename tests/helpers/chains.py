@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from helpers.loops import enabled
 from sjerk import Axis, Host, Limits, MotionKernel, Move
-from sjerk._binding import ffi
 from sjerk.host import Event, EventKind, MoveState
+from sjerk.recording import Frames
 
 T = 1e-3
 COUNTS = 2**24 / 360.0
@@ -63,7 +63,7 @@ class Run:
     acceleration: np.ndarray
     jerk: np.ndarray
     follows: np.ndarray
-    paced: np.ndarray
+    feed_hold: np.ndarray
     moves: list[Move]
     events: list[Event]
 
@@ -74,47 +74,23 @@ class Run:
         return Counter(e.goal_id for e in self.events if e.kind is EventKind.GOAL)
 
 
-_AXIS = ffi.typeof("sj_axis_feedback")
-_FIELDS = {"goal_id": "u8", "moving": "i4", "follows": "i4"} | dict.fromkeys(
-    ("position", "velocity", "acceleration", "jerk"), "f8"
-)
-_DTYPE = np.dtype(
-    {
-        "names": list(_FIELDS),
-        "formats": list(_FIELDS.values()),
-        "offsets": [dict(_AXIS.fields)[name].offset for name in _FIELDS],
-        "itemsize": ffi.sizeof(_AXIS),
-    }
-)
-
-
 class Watch:
     """Steps a kernel and keeps every frame."""
 
     def __init__(self, kernel: MotionKernel, host: Host) -> None:
-        self.kernel, self.host = kernel, host
-        frame = ffi.buffer(host.link.buffer)
-        offset = ffi.offsetof("sj_feedback", "axis")
-        self.axes = np.frombuffer(frame, _DTYPE, count=host.axis_count, offset=offset)
-        self.cycles: list[int] = []
-        self.rows: list[np.ndarray] = []
-        self.paced: list[np.ndarray] = []
+        self.kernel, self.host, self.frames = kernel, host, Frames(kernel)
         self.events: list[Event] = []
         self.look()
 
     def look(self) -> bool:
-        self.cycles.append(self.host.link.frame().cycle)
-        self.rows.append(self.axes.copy())
-        bits = int(self.host.link.frame().feed_hold)
-        self.paced.append(np.array([bits >> i & 1 for i in range(len(self.axes))], bool))
         self.events += self.host.events()[0]
-        return bool(self.axes["moving"].any())
+        return bool(self.frames.newest["axis"]["moving"].any())
 
     def step(self, cycles: int = 1) -> bool:
         """Whether any axis moves."""
         moving = True
         for _ in range(cycles):
-            self.kernel.step()
+            self.frames.step()
             moving = self.look()
         return moving
 
@@ -127,9 +103,12 @@ class Watch:
         raise AssertionError(f"it never ended: {[move.state for move in moves]}")
 
     def seen(self, moves: list[Move]) -> Run:
-        rows = np.array(self.rows)
-        columns = (rows[name] for name in [*Run.__dataclass_fields__][1:-3])
-        return Run(np.array(self.cycles), *columns, np.array(self.paced), moves, self.events)
+        table = self.frames.table
+        axes = table["axis"]
+        columns = (axes[name] for name in [*Run.__dataclass_fields__][1:-3])
+        bits = np.arange(axes.shape[1], dtype=table["feed_hold"].dtype)
+        feed_hold = (table["feed_hold"][:, None] >> bits & 1).astype(bool)
+        return Run(table["cycle"], *columns, feed_hold, moves, self.events)
 
 
 def give(host: Host, one: Queued, buffer: str | None = None) -> Move:
@@ -232,7 +211,7 @@ def stay_within(run: Run, axes: int, *, quick: bool, disabled: bool = False) -> 
     for i in range(axes):
         q, v, a, j = (c[:, i] for c in (run.position, run.velocity, run.acceleration, run.jerk))
         led = (run.follows[1:, i] & run.follows[:-1, i]).astype(bool)  # else: the drive's own place
-        own = led & ~run.paced[1:, i] & ~run.paced[:-1, i]
+        own = led & ~run.feed_hold[1:, i] & ~run.feed_hold[:-1, i]
         for rate, of in ((v, q), (a, v), (j, a)):
             assert np.max(np.abs(np.diff(of) - (rate[1:] + rate[:-1]) / 2)[own], initial=0.0) <= ulp
         for order, limit in enumerate((OWN.velocity, *most), start=1):

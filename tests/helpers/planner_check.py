@@ -12,22 +12,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sjerk._binding import ffi, lib
+from sjerk._binding import dtype_of, ffi, lib
 from sjerk.planner import Plans
 
 Array = NDArray[np.float64]
 #: The memory of an `sj_plan`.
-PLAN = np.dtype(
-    [
-        ("cycles", np.int64),
-        ("count", np.int32),
-        ("kind", np.int32),
-        ("velocity", np.float64),
-        ("acceleration", np.float64),
-        ("phase", [("cycles", np.int64), ("jerk", np.float64)], (lib.SJ_PHASES,)),
-    ]
-)
-assert PLAN.itemsize == ffi.sizeof("sj_plan")
+PLAN = dtype_of("sj_plan")
 WITHIN = 1.0 + 1e-9
 COARSE = "coarse"
 #: Scale of each unit to radians. In the coarse one a cycle is long: one cycle of jerk is 0.01 to

@@ -157,6 +157,8 @@ def test_a_private_access_above_the_limit_is_found(tmp_path: Path) -> None:
         ("from m import y as _y", 0),
         ("x = row._replace(a=1)._asdict()", 0),
         ("def f(a): return a.b()._c._d", 2),
+        ("def f(a): return getattr(a, '_b')", 1),
+        ("class A:\n def f(self, n): return getattr(self, '_b') + getattr(self.c, n)", 0),
     ],
 )
 def test_what_counts_as_a_private_access(tmp_path: Path, text: str, count: int) -> None:

@@ -107,8 +107,11 @@ static void take_goal(sj_kernel *kernel, int32_t stopped)
         set.axes[set.n++] = i;
         chosen |= axis_bit(i);
     }
-    if (result == SJ_RESULT_ACCEPTED && changed)
+    if (result == SJ_RESULT_ACCEPTED && changed) {
         result = sj_goal_begin(kernel, &set);
+        if (result == SJ_RESULT_ACCEPTED)
+            sj_override_hold(kernel);
+    }
     if (result == SJ_RESULT_ACCEPTED)
         sj_path_release(kernel, chosen);
     if (result == SJ_RESULT_ACCEPTED)

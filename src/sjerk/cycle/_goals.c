@@ -112,30 +112,6 @@ static void take_over(sj_kernel *kernel, const sj_goal_set *set)
     }
 }
 
-/* Taken over while motions are held: planned when the hold ends, and until then at rest. */
-static void take_over_held(sj_kernel *kernel, uint64_t axes)
-{
-    uint64_t set = 0;
-    for (int32_t i = 0; i < kernel->axes; i++) {
-        sj_axis *ax = &kernel->axis[i];
-        if ((axes & axis_bit(i)) == 0)
-            continue;
-        ax->start = ax->interpolator.q.hi;
-        ax->line = 0.0;
-        ax->held = ax->goal.kind != SJ_GOAL_HOME;
-        ax->homing = ax->goal.kind == SJ_GOAL_HOME;
-        sj_axis_ceiling(ax);
-        set |= ax->held ? axis_bit(i) : 0;
-    }
-    for (int32_t i = 0; i < kernel->axes; i++) {
-        int32_t group[SJ_AXES], n;
-        if ((set & axis_bit(i)) == 0)
-            continue;
-        n = sj_group_of(kernel, i, &set, group);
-        sj_hold_by_stop(kernel, group, n);
-    }
-}
-
 int32_t sj_goal_begin(sj_kernel *kernel, sj_goal_set *set)
 {
     int32_t result, wait = goal_held(kernel);
@@ -166,10 +142,14 @@ int32_t sj_goal_begin(sj_kernel *kernel, sj_goal_set *set)
         ax->least_cycles = set->least_cycles;
         ax->reached = ax->blends = 0;
         sj_events_trigger(kernel, set->axes[i], sj_axis_trigger_of(&set->goal[i]));
+        if (wait) {
+            ax->start = ax->interpolator.q.hi;
+            ax->line = 0.0;
+            ax->held = set->goal[i].kind != SJ_GOAL_HOME;
+            ax->homing = set->goal[i].kind == SJ_GOAL_HOME;
+        }
         out->peak_velocity = out->peak_acceleration = out->peak_jerk = 0.0;
     }
-    if (wait)
-        take_over_held(kernel, together);
     return SJ_RESULT_ACCEPTED;
 }
 

@@ -20,7 +20,7 @@ typedef struct {
  * moving along a straight line to the same goals. */
 int32_t sj_goal_plan(sj_kernel *kernel, sj_goal_set *set, int32_t line);
 /* Plans and takes over a goal that was judged, for all its axes or for none: enum sj_result. While
- * motions are held it is taken over, and planned when the hold ends. */
+ * motions are held it is taken over without a plan: the caller holds it (sj_override_hold). */
 int32_t sj_goal_begin(sj_kernel *kernel, sj_goal_set *set);
 /* An axis that has reached its goal with a velocity goes on, and to rest at a position limit. */
 void sj_goal_reached(sj_kernel *kernel, int32_t axis);

@@ -6,6 +6,7 @@
 #include <stdint.h>
 #include "cycle/_group.h"
 #include "cycle/_motion.h"
+#include "base/_limits.h" /* straight lines */
 
 int32_t sj_group_of(const sj_kernel *kernel, int32_t axis, uint64_t *set, int32_t *axes)
 {
@@ -24,17 +25,6 @@ int32_t sj_group_of(const sj_kernel *kernel, int32_t axis, uint64_t *set, int32_
         *set &= ~axis_bit(i);
     }
     return n;
-}
-
-/* Limits of the leading axis under which every axis of a straight line keeps its own. */
-static void narrow(sj_limits *limits, const sj_limits *other, double ratio)
-{
-    ratio = fabs(ratio);
-    limits->velocity = fmin(limits->velocity, other->velocity / ratio);
-    limits->acceleration = fmin(limits->acceleration, other->acceleration / ratio);
-    limits->jerk = fmin(limits->jerk, other->jerk / ratio);
-    limits->deceleration = fmin(limits->deceleration, other->deceleration / ratio);
-    limits->deceleration_jerk = fmin(limits->deceleration_jerk, other->deceleration_jerk / ratio);
 }
 
 static int32_t leader_of(const sj_kernel *kernel, const int32_t *axes, int32_t n)
@@ -61,7 +51,7 @@ int32_t sj_group_line(sj_kernel *kernel, const int32_t *axes, int32_t n, const s
     if (leader < 0)
         return -1;
     for (int32_t i = 0; i < n; i++)
-        narrow(&own, &limits[i], kernel->axis[axes[i]].line / ax->line);
+        limits_narrow(&own, &limits[i], kernel->axis[axes[i]].line / ax->line);
     status = stop ? sj_plan_velocity(at.V.hi, at.A.hi, 0.0, &own, &plan)
                   : sj_plan_move(lemma_distance(&at, ax->goal.goal, 0.0), at.V.hi, at.A.hi, 0.0,
                                  &own, &plan);

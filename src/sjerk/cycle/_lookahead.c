@@ -28,6 +28,7 @@
 #include "cycle/_inputs.h"
 #include "cycle/_lookahead.h"
 #include "cycle/_motion.h"
+#include "cycle/_override.h"
 #include "cycle/_path.h"
 #include "cycle/_queue.h"
 
@@ -213,9 +214,13 @@ int32_t sj_lookahead_take(sj_kernel *kernel)
 
 static int32_t offer(sj_kernel *kernel, sj_waiting *waiting)
 {
+    int32_t said;
     switch (waiting->record.kind) {
     case SJ_RECORD_MOVE:
-        return sj_queue_offer(kernel, waiting);
+        said = sj_queue_offer(kernel, waiting);
+        if (said == OFFER_TAKEN && !waiting->spent)
+            sj_override_hold(kernel);
+        return said;
     case SJ_RECORD_PATH:
     case SJ_RECORD_SEGMENT:
         return sj_path_offer(kernel, waiting);

@@ -67,7 +67,7 @@ static void plan_anew(sj_kernel *kernel, const int32_t *axes, int32_t n)
     }
 }
 
-/* planned: the override under which the goals were planned. */
+/* planned: the override under which the goals were planned; 0: a hold is by stops only. */
 static void replan(sj_kernel *kernel, double planned)
 {
     uint64_t set, waits = 0;
@@ -92,6 +92,12 @@ static void replan(sj_kernel *kernel, double planned)
             sj_hold_by_stop(kernel, axes, n);
     }
     hold_on_path(kernel, waits, planned);
+}
+
+void sj_override_hold(sj_kernel *kernel)
+{
+    if (goal_held(kernel))
+        replan(kernel, 0.0);
 }
 
 void sj_override_set(sj_kernel *kernel, double override, int32_t hold)

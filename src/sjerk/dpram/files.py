@@ -117,7 +117,7 @@ def open_file(name: str, path: str, flags: int) -> int:
     Raises ``SegmentMissingError``, ``SegmentOwnerError``, or ``SegmentGarbageError`` for what is
     no file.
     """
-    try:  # not blocking: somebody may have put a pipe there
+    try:  # not blocking: a pipe may lie there
         return os.open(path, flags | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
     except FileNotFoundError:
         raise errors.SegmentMissingError(

@@ -73,7 +73,11 @@ class Layout:
 
 
 def raise_for_status(status: int, name: str = "") -> int:
-    """Return a status >= 0 as it is; raise the error of a negative ``enum sj_shm_status``."""
+    """Return a status >= 0 as it is; raise the error of a negative ``enum sj_shm_status``.
+
+    >>> raise_for_status(1)
+    1
+    """
     if status >= 0:
         return status
     who = f"segment {name!r}: " if name else "segment: "

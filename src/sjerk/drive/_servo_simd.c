@@ -25,7 +25,7 @@ typedef struct {
     double torque_gain[SJ_SERVO_LANES], filter_gain[SJ_SERVO_LANES];
     double friction[SJ_SERVO_LANES], friction_speed[SJ_SERVO_LANES], viscous[SJ_SERVO_LANES], load[SJ_SERVO_LANES];
     double inertia_inverse[SJ_SERVO_LANES], bound[SJ_SERVO_LANES];
-} motors;
+} lanes;
 
 static const double exact_increments = 0x1p50; /* far within 2^53, and within what `down` takes */
 
@@ -44,7 +44,7 @@ static inline double within(double value, double low, double high)
     return least > high ? high : least;
 }
 
-static int fits(const sj_servo *servo, const sj_servo_constants *c, const sj_servo_command *command)
+static int runs_in_lane(const sj_servo *servo, const sj_servo_constants *c, const sj_servo_command *command)
 {
     const double behind = (double)(int64_t)((uint64_t)command->demand - (uint64_t)servo->encoder);
     const double most = c->speed_bound_rad_s * (c->step_s * c->increments_per_rad) * c->steps;
@@ -54,7 +54,7 @@ static int fits(const sj_servo *servo, const sj_servo_constants *c, const sj_ser
            behind > -exact_increments && most < exact_increments;
 }
 
-static void put(motors *m, int32_t i, const sj_servo *servo, const sj_servo_constants *c,
+static void load_lane(lanes *m, int32_t i, const sj_servo *servo, const sj_servo_constants *c,
                 const sj_servo_command *command)
 {
     m->behind[i] = (double)(int64_t)((uint64_t)command->demand - (uint64_t)servo->encoder);
@@ -94,7 +94,7 @@ static void put(motors *m, int32_t i, const sj_servo *servo, const sj_servo_cons
     m->bound[i] = c->speed_bound_rad_s;
 }
 
-static void take(const motors *m, int32_t i, sj_servo *servo)
+static void store_lane(const lanes *m, int32_t i, sj_servo *servo)
 {
     servo->encoder = (int64_t)((uint64_t)servo->encoder + (uint64_t)(int64_t)m->turned[i]);
     servo->fraction = m->fraction[i];
@@ -107,7 +107,7 @@ static void take(const motors *m, int32_t i, sj_servo *servo)
     servo->speed_limited = m->speed_limits[i] != 0.0;
 }
 
-SIMD static void turn(motors *restrict m, int32_t steps)
+SIMD static void run_lanes(lanes *restrict m, int32_t steps)
 {
     for (int32_t step = 0; step < steps; step++)
         for (int32_t i = 0; i < SJ_SERVO_LANES; i++) {
@@ -154,13 +154,13 @@ SIMD static void turn(motors *restrict m, int32_t steps)
 void sj_servo_periods(int32_t count, sj_drive *const *drives, const sj_servo_command *commands)
 {
     int32_t of[SJ_SERVO_LANES], n = 0;
-    motors m;
+    lanes m;
 
     for (int32_t i = 0; i < count; i++) {
         sj_drive *drive = drives[i];
-        if (count > 1 && fits(&drive->servo, &drive->constants, &commands[i]) &&
+        if (count > 1 && runs_in_lane(&drive->servo, &drive->constants, &commands[i]) &&
             drive->constants.steps == drives[0]->constants.steps) {
-            put(&m, n, &drive->servo, &drive->constants, &commands[i]);
+            load_lane(&m, n, &drive->servo, &drive->constants, &commands[i]);
             of[n++] = i;
         } else {
             sj_servo_period(&drive->servo, &drive->constants, &commands[i]);
@@ -169,8 +169,8 @@ void sj_servo_periods(int32_t count, sj_drive *const *drives, const sj_servo_com
     if (n == 0)
         return;
     for (int32_t i = n; i < SJ_SERVO_LANES; i++)
-        put(&m, i, &drives[of[0]]->servo, &drives[of[0]]->constants, &commands[of[0]]);
-    turn(&m, drives[0]->constants.steps);
+        load_lane(&m, i, &drives[of[0]]->servo, &drives[of[0]]->constants, &commands[of[0]]);
+    run_lanes(&m, drives[0]->constants.steps);
     for (int32_t i = 0; i < n; i++)
-        take(&m, i, &drives[of[i]]->servo);
+        store_lane(&m, i, &drives[of[i]]->servo);
 }

@@ -39,6 +39,9 @@ class DriveFeedback(NamedTuple):
 
     Positions in pu, velocities in pu/s, torques in 0.1 % of the rated torque, currents in 0.1 % of
     the rated current; ``position_internal`` and ``demand_internal`` in encoder increments.
+
+    >>> Drive().enable().state.name
+    'OPERATION_ENABLED'
     """
 
     statusword: StatusWord

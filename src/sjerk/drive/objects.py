@@ -121,7 +121,11 @@ class Abort(enum.IntEnum):
 
 
 class SdoError(SjerkError):
-    """An access that the dictionary refuses: `abort`, `index`, `sub`."""
+    """An access that the dictionary refuses: `abort`, `index`, `sub`.
+
+    >>> print(SdoError(Abort.READ_ONLY, 0x6041, 0))
+    6041h:0: read_only (06010002h)
+    """
 
     def __init__(self, abort: Abort, index: int, sub: int) -> None:
         """Name the object and the abort code."""
@@ -136,6 +140,9 @@ class ObjectEntry:
     `access` is "ro", "rw", or "idle": writable while the drive is not enabled. `pdo` has "R" where
     it may be mapped into a receive PDO, "T" into a transmit PDO. `unit` is for people, `source` as
     at the top of this module.
+
+    >>> OBJECTS[0x607A].entries[0].bits
+    32
     """
 
     index: int
@@ -310,7 +317,7 @@ _MAKER: tuple[Object, ...] = (
           ("Jerk of profiles", REAL, "rw", "", 10000.0, "rev/s^3", "config.profile_jerk_rev_s3"),
           code=9),
     _many(0x2101, "Verdict on the targets",
-          ("Write 0: begin anew; targets judged", U32, "rw", "T", 0, "", "special"),
+          ("Write 0: begin again; targets judged", U32, "rw", "T", 0, "", "special"),
           ("Largest velocity", REAL, "ro", "", 0.0, "rev/s", "report.velocity_rev_s"),
           ("Largest acceleration", REAL, "ro", "", 0.0, "rev/s^2", "report.acceleration_rev_s2"),
           ("Largest jerk", REAL, "ro", "", 0.0, "rev/s^3", "report.jerk_rev_s3"),
@@ -451,7 +458,11 @@ def entry(index: int, sub: int) -> ObjectEntry:
 
 
 def default(row: ObjectEntry, node_id: int) -> int | float | str:
-    """The power-on value of a row in a node: COB-IDs carry the node's number."""
+    """The power-on value of a row in a node: COB-IDs carry the number of the node.
+
+    >>> hex(default(entry(0x1014, 0), 5))
+    '0x85'
+    """
     if isinstance(row.default, int) and (
         row.index == 0x1014
         or (0x1400 <= row.index < 0x1C00 and row.sub == 1 and not row.index & 0x200)

@@ -80,6 +80,19 @@ class TrajectoryExecutor:
 
     A new goal takes over from the motion of the one before, at its stamp or as soon as it can be,
     without a stop where limits allow; a goal that is canceled comes to rest on its path.
+
+    >>> from sjerk import Axis, Limits, MotionKernel
+    >>> kernel = MotionKernel([Axis(Limits(2.0, 20.0, 500.0), 1e6, "ideal")])
+    >>> host = kernel.host()
+    >>> host.enable()
+    >>> kernel.step(5)
+    >>> executor = TrajectoryExecutor(host, ["elbow"])
+    >>> goal = executor.submit(Trajectory(["elbow"], [0.5, 1.0], [[0.3], [0.5]]))
+    >>> while goal.status in OPEN:
+    ...     executor.update()
+    ...     kernel.step(10)
+    >>> goal.status.name, goal.code.name, host.feedback().axes[0].position
+    ('SUCCEEDED', 'SUCCESSFUL', 0.5)
     """
 
     def __init__(

@@ -69,10 +69,11 @@ class Observer:
 class Monitor(Observer):
     """Reads a running kernel of another process: no lock, no command, as many as there are.
 
-    >>> with Monitor.attach("nobody") as monitor:
-    ...     print(monitor.feedback())
-    Traceback (most recent call last):
-    sjerk.errors.SegmentMissingError: no segment 'nobody'
+    >>> from sjerk import Axis, Limits, MotionKernel
+    >>> axis = Axis(Limits(90.0, 500.0, 5000.0), 2**24 / 360)
+    >>> with MotionKernel([axis]) as kernel, Monitor.attach(kernel.name) as monitor:
+    ...     monitor.feedback().axes[0].moving
+    False
     """
 
     @classmethod

@@ -39,7 +39,23 @@ _OPEN = (MoveState.SENT, MoveState.QUEUED, MoveState.MOVING)
 
 
 class Move:
-    """Handle of one commanded motion; ``await move`` does what ``wait`` does."""
+    """Handle of one commanded motion; ``await move`` does what ``wait`` does.
+
+    Positions in axis units. It knows what the kernel has answered by the goal's number, whatever
+    was commanded since.
+
+    >>> from sjerk import Axis, MotionKernel
+    >>> kernel = MotionKernel([Axis(Limits(90.0, 500.0, 5000.0), 2**24 / 360, "ideal")])
+    >>> host = kernel.host()
+    >>> host.enable()
+    >>> kernel.step(5)
+    >>> move = host.move(1.0)
+    >>> move.state.name
+    'SENT'
+    >>> kernel.step(400)
+    >>> move.done, move.position
+    (True, {0: 1.0})
+    """
 
     def __init__(
         self,

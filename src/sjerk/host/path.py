@@ -49,6 +49,20 @@ class Path:
     path*, within the limits of all axes in every cycle: the stop does not leave it, and after
     ``resume`` the samples are those of ``sample()`` again. Where segments do not come in time the
     motion comes to rest on the path and goes on by itself when they do.
+
+    >>> from sjerk import Axis, Limits, MotionKernel, Trajectory, follow
+    >>> limits = Limits(2.0, 20.0, 500.0)
+    >>> way_points = Trajectory(["elbow"], [0.0, 0.5, 1.0], [[0.0], [0.3], [0.5]])
+    >>> kernel = MotionKernel([Axis(limits, 1e6, "ideal")])
+    >>> host = kernel.host()
+    >>> host.enable()
+    >>> kernel.step(5)
+    >>> path = host.follow(follow(way_points, [limits], kernel.cycle_time))
+    >>> while not path.done:
+    ...     _ = path.pump()
+    ...     kernel.step(10)
+    >>> host.feedback().axes[0].position
+    0.5
     """
 
     def __init__(self, link: Link, goal: PathGoal, feeder: PathFeeder) -> None:

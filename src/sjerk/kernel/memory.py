@@ -33,7 +33,7 @@ def build(axes: Sequence[Axis], cycle_time: float, reactions: Reactions, base: A
             raise InputError(f"axes[{i}].drive", drive, "does not fit the cycle time")
         if drive is None:
             continue
-        most = kernel.axis[i].drive.jump_limit / config.counts_per_unit
+        most = kernel.axis[i].drive.scale.jump_limit / config.counts_per_unit
         kernel.axis[i].config.velocity_max = most
         if config.limits.velocity > most:
             raise InputError(

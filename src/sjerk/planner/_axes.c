@@ -3,10 +3,11 @@
  * The half-cycle lemma turns samples into the plan's states; _plan.c and _duration.c plan. Here is how axes share
  * a motion: each for itself, all in the same cycle, or all in the same phases. Pure, no allocation.
  */
-#include <math.h>   /* fabs, fmin */
+#include <math.h>   /* INFINITY, isinf */
 #include <stddef.h>
 #include <stdint.h>
 #include "planner/_planner.h"
+#include "base/_limits.h" /* one profile for all axes */
 #include "base/_continuous.h" /* from samples to the continuous motion, exactly */
 
 /* From sample to sample, no jerk before the start; SI units of time, limits per cycle. The lemma in
@@ -26,16 +27,10 @@ static int32_t in_phase(int32_t n, const sj_request *request, const sj_limits *l
     sj_limits line = {INFINITY, INFINITY, INFINITY, INFINITY, INFINITY};
     sj_plan plan;
     for (int32_t i = 0; i < n; i++) {
-        double h = fabs(request[i].distance);
         if (request[i].v0 != 0.0 || request[i].a0 != 0.0 || request[i].v1 != 0.0)
             return 0;
-        if (h == 0.0)
-            continue;
-        line.velocity = fmin(line.velocity, limits[i].velocity / h);
-        line.acceleration = fmin(line.acceleration, limits[i].acceleration / h);
-        line.jerk = fmin(line.jerk, limits[i].jerk / h);
-        line.deceleration = fmin(line.deceleration, limits[i].deceleration / h);
-        line.deceleration_jerk = fmin(line.deceleration_jerk, limits[i].deceleration_jerk / h);
+        if (request[i].distance != 0.0)
+            limits_narrow(&line, &limits[i], request[i].distance);
     }
     if (isinf(line.velocity))
         return 0; /* nothing moves */
@@ -51,7 +46,7 @@ static int32_t in_phase(int32_t n, const sj_request *request, const sj_limits *l
 }
 
 static int32_t plan_each(int32_t n, const sj_request *request, const sj_limits *limits,
-                               int64_t least_cycles, sj_plan *plans)
+                         int64_t least_cycles, sj_plan *plans)
 {
     for (int32_t i = 0; i < n; i++) {
         const sj_request *r = &request[i];

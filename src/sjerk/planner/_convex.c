@@ -84,7 +84,7 @@ static void polish(const task *t, path *z)
     const double room = 4 * SLACK;
     for (int s = 0; s < 2; s++) {
         double level = room * (z->a[at[s]] > 0 ? t->au : t->ad);
-        if (!(fabs(change[s]) <= least(level, room * least(t->ju, t->jd) / slope[s]))) return;
+        if (!(fabs(change[s]) <= least(level, room * smaller_jerk(t) / slope[s]))) return;
     }
     for (int s = 0; s < 2; s++) z->a[at[s]] += change[s];
 }
@@ -135,7 +135,7 @@ static int combine_sides(const task *t, double n, double *nearest, summit *m, sj
             task o = mirrored(t);
             int ok = sj_side_paths(&o, n, &down_near, &down_far);
             if (ok == 0) return 0;
-            if (ok < 0) return combine_extremes(t, least(t->ju, t->jd), n, nearest, m, p);
+            if (ok < 0) return combine_extremes(t, smaller_jerk(t), n, nearest, m, p);
             for (int k = 0; k < down_far.count; k++) down_far.a[k] = -down_far.a[k];
             for (int k = 0; k < down_near.count; k++) down_near.a[k] = -down_near.a[k];
             low = sj_path_distance(&down_far, t->v0);
@@ -148,7 +148,7 @@ static int combine_sides(const task *t, double n, double *nearest, summit *m, sj
         } else {
             int ok = sj_side_paths(t, n, &up_near, &up_far);
             if (ok == 0) return 0;
-            if (ok < 0) return combine_extremes(t, least(t->ju, t->jd), n, nearest, m, p);
+            if (ok < 0) return combine_extremes(t, smaller_jerk(t), n, nearest, m, p);
             far = sj_path_distance(&up_far, t->v0);
             near = sj_path_distance(&up_near, t->v0);
             if (far < t->h - room) { *nearest = far; return 0; }

@@ -55,7 +55,7 @@ static int cruise_in_cycles(const task *t, double n, seven *s)
         if (hi - lo <= 1e-9 * t->vmax) break;
         v = next;
     }
-    double small = least(t->ju, t->jd);
+    double small = smaller_jerk(t);
     if (v >= u.vz) {
         double z = least(t->au, sqrt(most(0, v - u.vs) * t->ju));
         sj_ramp_counts(t->a0, v - t->v0, z, t->au, t->ju, t->a0 < 0 ? small : t->ju, &s->n1, &s->n2,
@@ -168,7 +168,7 @@ static int64_t stop_duration(int32_t n, const sj_request *r, const sj_limits *l,
    Infinite for a start that needs a recovery. */
 static double sufficient_time(const task *t)
 {
-    double a = least(t->au, t->ad), j = least(t->ju, t->jd);
+    double a = smaller_acceleration(t), j = smaller_jerk(t);
     double lead = fabs(t->a0) / j, v = t->v0 + t->a0 * lead / 2;
     if (!(fabs(t->a0) <= a && most(fabs(t->v0), fabs(v)) <= t->vmax)) return INFINITY;
     double stop = ramp_time(fabs(v), a, j), go = ramp_time(fabs(t->v1), a, j);

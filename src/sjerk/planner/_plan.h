@@ -54,6 +54,10 @@ static inline double whole(double x)
 static inline double least(double a, double b) { return a < b ? a : b; }
 static inline double most(double a, double b) { return a > b ? a : b; }
 
+/* What is legal whatever the sign of the acceleration. */
+static inline double smaller_acceleration(const task *t) { return least(t->au, t->ad); }
+static inline double smaller_jerk(const task *t) { return least(t->ju, t->jd); }
+
 /* Acceleration at whole cycles k, straight between: each piece is a phase. */
 typedef struct { int count; double k[NODES], a[NODES]; } path;
 

@@ -36,7 +36,7 @@ static brink brink_of(const task *t)
 /* Most jerk of a cycle that crosses zero, with `beyond` the acceleration limit on the other side. */
 static double most_crossing_jerk(const task *t, double left, double beyond)
 {
-    return least(least(t->ju, t->jd), left + beyond);
+    return least(smaller_jerk(t), left + beyond);
 }
 
 /* Whether the velocity can be kept within w from the brink, by one crossing after another. */
@@ -179,8 +179,8 @@ static void brake_to_velocity(task *t, sj_plan *p)
    can end on a node then: if not, only a cycle that crosses zero keeps the velocity limit. */
 int sj_recover(task *t, sj_plan *p)
 {
-    double small = least(t->ju, t->jd);
-    if (fabs(t->a0) <= least(t->au, t->ad)
+    double small = smaller_jerk(t);
+    if (fabs(t->a0) <= smaller_acceleration(t)
         && t->a0 * t->a0 <= 1.99 * small * (t->vmax - fabs(t->v0) - 2 * small)) return 1;
     ease_to_acceleration(t, p);
     double amax = (t->a0 > 0 ? t->au : t->ad) * (1 + SLACK);

@@ -115,7 +115,7 @@ int sj_seven_fit(const task *t, seven *s)
         double j0 = t->a0 > 0 ? t->ju : t->a0 < 0 ? t->jd : jerk;
         return fabs(a - t->a0) <= one * n1 * j0;
     }
-    if (!(fabs(a - t->a0) <= one * n1 * least(t->ju, t->jd))) return 0;
+    if (!(fabs(a - t->a0) <= one * n1 * smaller_jerk(t))) return 0;
     /* the acceleration crosses zero inside the first phase: an extreme of the velocity */
     double turn = t->v0 + 0.5 * t->a0 * t->a0 * n1 / (t->a0 - a);
     return fabs(turn) <= t->vmax * one;
@@ -200,7 +200,7 @@ int sj_by_cruise(const task *t, const family *f, double at_low, int far, seven *
     if (z1 > t->au) { z1 = t->au; t1 = x1 / z1 + z1 / t->ju; } else t1 = 2 * z1 / t->ju;
     if (z2 > t->ad) { z2 = t->ad; t2 = x2 / z2 + z2 / t->jd; } else t2 = 2 * z2 / t->jd;
     *optimum = f->t0 + t1 + t4 + t2;
-    double j1 = t->a0 < 0 ? least(t->ju, t->jd) : t->ju, n5, n6;
+    double j1 = t->a0 < 0 ? smaller_jerk(t) : t->ju, n5, n6;
     if (!(*optimum < LONGEST)) return 0;
     sj_ramp_counts(t->a0, v - t->v0, z1, t->au, t->ju, j1, &s->n1, &s->n2, &s->n3);
     sj_even_counts(v - t->v1, z2, t->ad, t->jd, &n5, &n6);

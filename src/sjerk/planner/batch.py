@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sjerk._binding import ffi, lib
+from sjerk._binding import dtype_of, ffi, lib
 from sjerk.errors import InputError, positive
 from sjerk.planner.arguments import check_range, fail, is_sequence, limit_rows, rows_of
 from sjerk.profile import FloatArray, Limits
@@ -24,11 +24,9 @@ _ROWS_PER_THREAD = 4000
 #: Most phases of one plan.
 PHASES_MAX: int = lib.SJ_PHASES
 #: The memory of an ``sj_row``: one plan of many.
-ROW = np.dtype([("cycles", np.int64), ("first", np.int64), ("count", np.int32), ("kind", np.int32)])
+ROW = dtype_of("sj_row")
 #: The memory of an ``sj_phase``.
-PHASE = np.dtype([("cycles", np.int64), ("jerk", np.float64)])
-assert ROW.itemsize == ffi.sizeof("sj_row")
-assert PHASE.itemsize == ffi.sizeof("sj_phase")
+PHASE = dtype_of("sj_phase")
 
 
 @dataclass(frozen=True, eq=False)

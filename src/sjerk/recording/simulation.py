@@ -149,6 +149,12 @@ def replay(recording: Recording | Path | str) -> Replay:
     Every frame is compared with the recorded one, bit for bit: set-points, commanded and actual
     positions, states, statuswords. Raises InputError for a recording that does not begin with the
     kernel's first cycle, or that has gaps.
+
+    >>> from sjerk import Axis, Limits
+    >>> kernel = MotionKernel([Axis(Limits(90.0, 500.0, 5000.0), 2**24 / 360)])
+    >>> script = [(1, lambda host: host.enable()), (10, lambda host: host.move(1.0))]
+    >>> replay(simulate(kernel, script, 400)).identical
+    True
     """
     recording = recording if isinstance(recording, Recording) else Recording.open(recording)
     kernel = recording.kernel()

@@ -12,6 +12,7 @@ from typing import Any
 from rosbags.highlevel import AnyReader, AnyReaderError
 from rosbags.typesys import Stores, get_typestore
 
+from sjerk.trajectory.columns import seconds
 from sjerk.trajectory.files import Message, Point
 
 #: What reading a file raises that is no bag.
@@ -30,7 +31,7 @@ def messages(path: Path) -> Iterator[Message]:
                 message: Any = bag.deserialize(raw, kind)
                 points = [
                     Point(
-                        p.time_from_start.sec + p.time_from_start.nanosec * 1e-9,
+                        seconds(p.time_from_start),
                         False,
                         p.positions,
                         p.velocities,

@@ -79,7 +79,11 @@ class TrajectoryFault:
 
 
 class TrajectoryError(SjerkError, ValueError):
-    """A trajectory cannot be used; ``faults`` says why, at least one."""
+    """A trajectory cannot be used; ``faults`` says why, at least one.
+
+    >>> TrajectoryError([TrajectoryFault(FaultKind.JOINTS, "is missing", joint="a")]).code
+    -2
+    """
 
     def __init__(self, faults: Sequence[TrajectoryFault]) -> None:
         more = f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""

@@ -20,6 +20,7 @@ import numpy as np
 from sjerk.errors import ExtraMissingError, InputError
 from sjerk.extras import load
 from sjerk.profile import FloatArray
+from sjerk.trajectory.columns import Columns, columns_of
 from sjerk.trajectory.faults import (
     FaultKind,
     RecordedPathError,
@@ -47,16 +48,6 @@ Message = tuple[list[str], list[Point]]
 
 
 # ---- trajectories --------------------------------------------------------------------------------
-
-
-class Columns(NamedTuple):
-    """What a file of a trajectory holds: times (n,), and rows (n, N) in the joints' own units."""
-
-    joint_names: Sequence[str]
-    time: FloatArray
-    position: FloatArray
-    velocity: FloatArray | None
-    acceleration: FloatArray | None
 
 
 def read_table(path: Path) -> Columns:
@@ -119,24 +110,10 @@ def read_bag(path: Path) -> Columns:
     if not path.exists():
         raise RecordedPathError(path, "no such file")
     names, points = _points(path)
-    width = len(names)
-    faults = []
-    for i, point in enumerate(points):
-        for kind in ("positions", "velocities", "accelerations"):
-            size = len(getattr(point, kind))
-            if size != width and (size or kind == "positions"):
-                why = f"{size} {kind} for {width} joints"
-                faults.append(TrajectoryFault(FaultKind.SIZE, why, i))
-    if faults:
-        raise TrajectoryError(faults)
     time = np.array([point.time for point in points])
     if points and points[0].stamped:
         time -= time[0]
-    rows = [np.array([p.positions for p in points], dtype=np.float64).reshape(-1, width)]
-    for kind in ("velocities", "accelerations"):
-        values = [getattr(p, kind) for p in points]
-        rows.append(np.array(values) if points and all(map(len, values)) else None)  # type: ignore[arg-type]
-    return Columns(names, time, *rows)
+    return columns_of(names, time, points)
 
 
 # ---- recordings ----------------------------------------------------------------------------------

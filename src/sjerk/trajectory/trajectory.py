@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from sjerk.errors import InputError, positive
 from sjerk.profile import FloatArray, Limits
+from sjerk.trajectory.columns import Columns
 from sjerk.trajectory.faults import (
     FaultKind,
     TrajectoryError,
@@ -25,7 +26,7 @@ from sjerk.trajectory.faults import (
     row_faults,
     time_faults,
 )
-from sjerk.trajectory.files import Columns, read_bag, read_table, write_table
+from sjerk.trajectory.files import read_bag, read_table, write_table
 
 #: Two way-points are one where a joint differs by less than this share of its limit or delta.
 RELATIVE = 1e-9

@@ -34,7 +34,8 @@ class Master:
     ``nodes``: node number by axis. The drives keep the default mapping of ``sjerk drive``.
     ``heartbeat``: seconds between the master's, watched by the drives for ``lost`` times that.
     ``abort_option``: 6007h of the drives, what they do without their master (1 fault, 2 disable
-    voltage, 3 quick stop). Raises InputError; SjerkError where a node does not answer.
+    voltage, 3 quick stop). Raises ``InputError`` for nodes and cycle times that cannot be,
+    ``SjerkError`` where a node does not answer. ``examples/06_canopen_master.py`` runs one.
     """
 
     def __init__(

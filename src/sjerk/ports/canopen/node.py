@@ -23,7 +23,7 @@ from sjerk.ports.canopen.sdo import SdoServer
 SYNC_GRACE_S = 0.5
 """Silence after which SYNC counts as missed when 1006h gives no cycle period."""
 CATCH_UP_S = 0.05
-"""Most of the past that the clock makes up for when nobody sends SYNC."""
+"""Most of the past that the clock makes up for when no SYNC comes."""
 
 _PDO_LENGTH_SHORT, _PDO_LENGTH_LONG = 0x8210, 0x8220
 
