@@ -108,7 +108,12 @@ def test_the_iterations_are_bounded() -> None:
     """No more than asked, also where nothing keeps the rows."""
     rows = Rows(np.array([0, 1, 2], np.int32), np.zeros(2, np.int32), np.ones(2))
     found = minimise(
-        np.ones((1, 1)), np.zeros(1), rows, np.array([1.0, -9.0]), np.array([9.0, -1.0]), np.zeros(1)
+        np.ones((1, 1)),
+        np.zeros(1),
+        rows,
+        np.array([1.0, -9.0]),
+        np.array([9.0, -1.0]),
+        np.zeros(1),
     )
     assert not found.solved
     assert found.outside >= 0.9

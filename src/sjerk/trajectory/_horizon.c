@@ -38,7 +38,7 @@ typedef struct {
 
 static int64_t rows_of(int32_t joints, int32_t knots)
 {
-    return ((int64_t)joints * 6 + 2) * (knots + 2);
+    return ((int64_t)joints * 7 + 2) * (knots + 2);
 }
 
 int64_t sj_horizon_doubles(int32_t joints, int32_t knots)
@@ -195,6 +195,21 @@ static void add_limits(problem *p, int32_t joint)
                 add_row(p, joint, k, bezier[i], 3, range[0], range[1]);
 }
 
+/* Goals that are to be met exactly, where they are not denser than knots. */
+static void add_exact(problem *p, int32_t joint)
+{
+    const sj_horizon *h = p->h;
+    double basis[4], x;
+    if (!h->fresh || h->exact > h->knots)
+        return;
+    for (int32_t g = 0; g < h->exact; g++) {
+        int32_t k = segment_of(h, h->moment[g], &x);
+        double goal = h->goal[g * h->joints + joint];
+        basis_of(x, h->bend, basis);
+        add_row(p, joint, k, basis, 4, goal, goal);
+    }
+}
+
 static void add_joint(problem *p, int32_t joint)
 {
     const sj_horizon *h = p->h;
@@ -302,6 +317,7 @@ static void solve(const sj_horizon *h, int32_t first, int32_t count, double *con
     for (int32_t j = first; j < first + count; j++) {
         add_joint(&p, j);
         add_limits(&p, j);
+        add_exact(&p, j);
     }
     if (h->paced)
         add_progress(&p);

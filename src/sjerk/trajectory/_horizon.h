@@ -12,7 +12,8 @@ typedef struct {
     int32_t paced;                      /* 1: the progress is chosen too, one for all joints */
     int32_t ends;                       /* 1: the last of the unknown control points is `end` */
     int32_t fresh;                      /* 1: `plan` is only a guess and need not keep the limits */
-    int32_t strict, reserved;           /* 1: where `plan` goes against a direction, none goes along it */
+    int32_t strict;                     /* 1: where `plan` goes against a direction, none goes along it */
+    int32_t exact;                      /* so many goals are met exactly, or no answer; with `fresh` */
     const double *before;               /* (joints, 3) */
     const double *plan;                 /* (joints, knots): keeps everything */
     const double *end;                  /* (joints,): where tails rest, or must with `ends` */

@@ -47,7 +47,8 @@ class Aims:
 
     ``moment`` (g,): when, in knots from now; ``position``, ``slope`` (g, N): where, in axis units,
     and its change per knot of progress; ``velocity`` (g, N) per knot, or None. ``range`` (N, 2) of
-    positions, ``direction`` (N, knots): the sign a first difference must have, or 0. ``end`` (N,):
+    positions, ``direction`` (N, knots): the sign a first difference must have, or 0; ``turning``
+    (N, knots): where that is not sure. ``end`` (N,):
     where to rest; ``ended``: no goal comes behind these.
     """
 
@@ -58,6 +59,7 @@ class Aims:
     velocity: FloatArray | None
     range: FloatArray
     direction: NDArray[np.int32]
+    turning: NDArray[np.bool_]
     end: FloatArray
     ended: bool
 
@@ -139,6 +141,7 @@ class Horizon:
         *,
         paced: bool,
         ends: bool = False,
+        exact: int = 0,
         mode: Mode = Mode.HARD,
         plan: FloatArray | None = None,
         most: int | None = None,
@@ -146,7 +149,8 @@ class Horizon:
         """The best plan of so many control points; with ``ends`` it ends on ``aims.end``, or share 0.
 
         ``progress`` (knots + 1,); ``paced``: it is chosen too. ``plan``: one that keeps the limits,
-        and is not longer; else the one before. With ``ends`` it is a guess. ``most`` iterations.
+        and is not longer; else the one before. With ``ends`` it is a guess. ``exact``: so many
+        goals are met to rounding, in mode HARD. At ``most`` so many iterations.
         """
         n, joints, goals = knots, len(self.velocity), len(aims.moment)
         unit = self._unit[:, None]
@@ -192,7 +196,7 @@ class Horizon:
             ends,
             mode is Mode.HARD,
         )
-        c.strict = mode is Mode.STRICT
+        c.strict, c.exact = mode is Mode.STRICT, exact if mode is Mode.HARD else 0
         c.smooth, c.bend = self._smoothing, 5.0 / 24.0 / self.cycles**2
         fastest = float((self.velocity / self._unit).max())
         c.lag, c.trust, c.progress_before = _LAG * fastest * fastest, _TRUST, progress[0]

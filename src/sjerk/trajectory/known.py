@@ -16,7 +16,7 @@ IntArray = NDArray[np.int64]
 class Known:
     """Goals of N joints in the order of time: the last ones passed, and those ahead.
 
-    ``cycle`` (g,): when they are due; ``position``, ``velocity`` (g, N); nan where none was given.
+    ``cycle`` (g,): when they are due, in cycles, whole or not; ``position``, ``velocity`` (g, N); nan where none was given.
     ``first``: the first one ahead.
     """
 
@@ -30,7 +30,7 @@ class Known:
         self.add(position, cycle, time, None)
 
     def add(
-        self, position: FloatArray, cycle: int, time: float, velocity: FloatArray | None
+        self, position: FloatArray, cycle: float, time: float, velocity: FloatArray | None
     ) -> None:
         """A goal behind the others, at ``time`` of the source."""
         if self._end == len(self._cycle):
@@ -71,11 +71,11 @@ class Known:
         return np.asarray(self._position[self._end - 1])
 
     @property
-    def last_cycle(self) -> int:
+    def last_cycle(self) -> float:
         """When the last one is due."""
-        return int(self._cycle[self._end - 1])
+        return float(self._cycle[self._end - 1])
 
-    def move(self, cycles: int) -> None:
+    def move(self, cycles: float) -> None:
         """All of them are due so many cycles later."""
         self._cycle[self._begin : self._end] += cycles
 
@@ -101,8 +101,8 @@ class Known:
         """How far the source goes at least beyond the last goal if it keeps the limits (N,).
 
         ``limits`` (N, 3) per cycle: velocity, acceleration, jerk. From goals ``cycles`` or more
-        apart: the least velocity and acceleration that these allow at the last one, and the
-        shortest stop from there.
+        apart: the least velocity and acceleration that these allow at the last one, noise
+        deducted, and the shortest stop from there.
         """
         last = len(self) - 1
         cycle, more = self.cycle, np.zeros(len(limits))
@@ -114,12 +114,64 @@ class Known:
         v0 = (self.position[two] - self.position[one]) / b
         v1 = (self.position[last] - self.position[two]) / c
         V, A, J = limits.T
-        sign = np.sign(v1)
-        mean = sign * (v1 - v0) / ((b + c) / 2.0)
+        sign, noise = np.sign(v1), self.noise(b + c, limits)
+        mean = sign * (v1 - v0) / ((b + c) / 2.0) - 4.0 * noise / (b * c)
         a = np.clip(mean - J * (b + c) / 2.0, -A, A)
-        v = np.minimum(sign * v1 + (mean + a) / 2.0 * c / 2.0 - J * c * c / 6.0, V)
+        v = sign * v1 - 2.0 * noise / c + (mean + a) / 2.0 * c / 2.0 - J * c * c / 6.0
+        v = np.minimum(v, V)
         going = (v0 * v1 > 0.0) & (v > 0.0)
         return np.where(going, sign * shortest_stop(np.maximum(v, 0.0), a, A, J), 0.0)
+
+    def directions(
+        self,
+        moment: FloatArray,
+        knots: int,
+        given: FloatArray,
+        going: IntArray,
+        resolution: FloatArray,
+        *,
+        final: bool,
+    ) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
+        """The sign of each first difference of control points (N, knots), and where it may turn.
+
+        ``moment`` (g,) of the goals, in knots; ``given`` (N, 3): the last control points, ``going``
+        (N,): their sign. ``resolution`` (N,): turns below it are none. ``final``: a plan must end
+        on the last goal.
+        """
+        centre, begin = np.arange(knots) + 1.5, self.first - 1
+        found = np.repeat(going.astype(np.int32)[:, None], knots, axis=1)
+        turning = np.zeros((len(given), knots), dtype=np.bool_)
+        at, way = moment[begin:], self.position[begin:]
+        for j, least in enumerate(resolution.tolist()):
+            for i, (sign, one) in enumerate(monotone_pieces(way[:, j], least)):
+                found[j, centre >= (at[one] if going[j] or i else -np.inf)] = sign
+                if i or (going[j] and going[j] != sign):
+                    top = one  # as far back as goals are as far on
+                    while top > 0 and abs(way[top - 1, j] - way[one, j]) <= least:
+                        top -= 1
+                    turning[j] |= (centre > at[top] - 1.0) & (centre < at[one] + 1.0)
+        # where goals rest: on towards them; a motion that is beyond them must turn
+        left, step = way[-1] - given[:, 2], given[:, 2] - given[:, 1]
+        on = np.where(left * step >= 0.0, np.sign(left), 0.0).astype(np.int32)
+        if not final:
+            on = np.where(on == 0, going, on).astype(np.int32)
+        flat = (np.abs(way - way[-1]) <= resolution).all(axis=0)
+        found[flat] = on[flat, None]
+        return found, turning
+
+    def noise(self, cycles: float, limits: FloatArray) -> FloatArray:
+        """What the goals of so many cycles are off by (N,): half of what no acceleration explains.
+
+        Between neighbours; ``limits`` (N, 3) per cycle.
+        """
+        since = int(np.searchsorted(self.cycle, self.last_cycle - cycles))
+        cycle, position = self.cycle[since:], self.position[since:]
+        if len(cycle) < 4:
+            return np.zeros(len(limits))
+        b, c = np.diff(cycle)[:-1, None], np.diff(cycle)[1:, None]
+        off = position[1:-1] - (position[:-2] * c + position[2:] * b) / (b + c)
+        explained = limits[:, 1] * b * c / 2.0
+        return np.asarray(np.maximum(np.abs(off) - explained, 0.0).max(axis=0) / 2.0)
 
 
 def shortest_stop(v: FloatArray, a: FloatArray, A: FloatArray, J: FloatArray) -> FloatArray:
@@ -189,6 +241,13 @@ class Turns:
     def more(self) -> IntArray:
         """Turns of the motion that the goals do not have (N,)."""
         return np.asarray(np.maximum(self.count - self.asked, 0))
+
+    def kept(self, direction: NDArray[np.int32], steps: FloatArray) -> bool:
+        """Whether these steps (N, n) turn no more often than the goals, or than directions do."""
+        _, count = self.see(steps)
+        _, asked = self.see(direction.astype(np.float64))
+        asked = asked + (direction == 0).all(axis=1)
+        return bool((count <= np.maximum(self.asked, asked)).all())
 
     def see(self, steps: FloatArray) -> tuple[IntArray, IntArray]:
         """Sign and count after these differences of control points (N, n)."""

@@ -20,7 +20,7 @@ from sjerk.errors import InputError, positive, real
 from sjerk.profile import FloatArray, Limits
 from sjerk.trajectory.horizon import Aims, Horizon, Mode, Plan, numbered
 from sjerk.trajectory.joining import both
-from sjerk.trajectory.known import Known, Turns, monotone_pieces
+from sjerk.trajectory.known import Known, Turns
 from sjerk.trajectory.segments import Followed
 
 #: Periods that a goal's time may lie beyond what is known: more is another clock.
@@ -34,7 +34,7 @@ _AHEAD = 3.0
 #: Goals closer to a turn than this share of what a knot covers at full velocity are no turn.
 RESOLUTION = 1e-4
 #: Goals met closer than this, in knots at full velocity, need no common progress.
-_CLOSE = 5e-3
+_CLOSE = 1e-2
 #: Up to so many knots ahead; further ones may be further off.
 _NEAR = 2.0
 #: A goal counts as denser than knots down to this share of one.
@@ -88,7 +88,8 @@ class GoalStream:
     Goals that lie further on never make the motion go back. Those that limits do not allow in time
     are passed later, all joints together; the lag is made up as fast as the limits allow.
     ``smoothing`` is the weight of jerk against distance from the goals: small (1e-4) for exact
-    goals, the default for goals with noise.
+    goals, the default for goals with noise. With ``exact`` goals that are not denser than knots are
+    met to rounding where the limits allow it.
 
     >>> stream = GoalStream([Limits(2.0, 4.0, 500.0)], 1e-3, [0.0], period=0.1)
     >>> blocks = []
@@ -113,6 +114,7 @@ class GoalStream:
         margin: float = 0.0,
         stop_within: bool = False,
         smoothing: float = SMOOTHING,
+        exact: bool = False,
         knots: int = KNOTS,
         iterations: int = ITERATIONS,
         joint_names: Sequence[str] | None = None,
@@ -139,7 +141,7 @@ class GoalStream:
         if len(self._names) != n:
             raise InputError("joint_names", self._names, f"must be one per joint: {n}")
         self._behind = self._cycles(delay * self._period + margin)
-        self._within = bool(stop_within)
+        self._within, self._exact = bool(stop_within), bool(exact)
         own = [both(limit) for limit in self._limits]
         stop = max(x.velocity / x.acceleration + x.acceleration / x.jerk for x in own)
         self._m = max(2, round(stop / knots / self._T))
@@ -169,6 +171,7 @@ class GoalStream:
         self._worst = self._lag = 0.0
         self._starving = False
         self.kept = 0
+        self._noise = np.zeros(n)
         self._beyond, self._deviation = np.zeros(n), np.zeros(n)
         self._turns = Turns(at, RESOLUTION * self._horizon.velocity)
 
@@ -202,12 +205,13 @@ class GoalStream:
             raise InputError("time", time, f"must be at most {most!r}: {FURTHEST} periods ahead")
         if self._first or (time is None and self._waiting()):
             self._first = False
-            due = self._cycle + self._behind
-            self._begin = due - self._cycles(self._period)
+            due = float(self._cycle + self._behind)
+            self._begin = round(due) - self._cycles(self._period)
             self._known = Known(self._horizon.knot.position, self._begin, at)
             self._horizon.progress = np.zeros(1)
         else:
-            due = max(known.last_cycle + self._cycles(at - known.time), known.last_cycle + 1)
+            due = known.last_cycle + (at - known.time) / self._T
+            due = round(due) if abs(due - round(due)) < 1e-6 else due
         self._known.add(goal, due, at, speed)
         self._goals += 1
         self._arriving = 0
@@ -230,7 +234,7 @@ class GoalStream:
         self._starved += 1
         self._first = known.first == len(known)
         if not self._first:
-            known.move(self._cycle + self._behind - int(known.cycle[known.first]))
+            known.move(self._cycle + self._behind - float(known.cycle[known.first]))
 
     def skipped(self, cycles: int) -> None:
         """So many cycles of the clock were left out: goals are due as much earlier."""
@@ -362,6 +366,7 @@ class GoalStream:
         # the sample is half a cycle behind the spline
         due = (known.cycle - (self._cycle + 0.5)) / self._m
         self._starve(known.first == len(known))
+        self._noise = known.noise(3 * self._m, self._per_cycle)
         best = None
         if horizon.progress[0] > -1e-2:
             progress = np.arange(float(2 * (self._most + self._tail)))
@@ -394,11 +399,29 @@ class GoalStream:
     ) -> Plan | None:
         """The best plan that turns no more often than the goals do."""
         aims, knots = self._aims(due, progress, 0 if plan is None else plan.shape[1])
-        for mode in Mode:
+        still = _STILL * self._horizon.velocity[:, None]
+        exact = 0
+        if self._exact and len(aims.moment):  # not where the plan must stop
+            until = np.inf if aims.ended else aims.moment[-1] - self._tail
+            exact = int(np.searchsorted(aims.moment, until))
+        attempts = [(mode, aims) for mode in Mode]
+        if aims.turning.any():
+            free = np.where(aims.turning, 0, aims.direction).astype(np.int32)
+            attempts.insert(0, (Mode.HARD, replace(aims, direction=free)))
+        for mode, asked in attempts:
             best = self._horizon.solve(
-                aims, knots, progress[: knots + 1], paced=paced, plan=plan, mode=mode
+                asked,
+                knots,
+                progress[: knots + 1],
+                paced=paced,
+                plan=plan,
+                mode=mode,
+                exact=exact,
             )
-            if (mode is not Mode.HARD or best.share.all()) and self._turns_kept(aims, best):
+            steps = np.diff(best.control, axis=1, prepend=self._horizon.given[:, 2:])
+            if (mode is not Mode.HARD or best.share.all()) and self._turns.kept(
+                aims.direction, np.where(np.abs(steps) > still, steps, 0.0)
+            ):
                 break
         else:
             return None
@@ -407,24 +430,15 @@ class GoalStream:
         progress = np.concatenate([best.progress[: last + 1], best.progress[last] + more])
         return replace(best, progress=progress)
 
-    def _turns_kept(self, aims: Aims, plan: Plan) -> bool:
-        """Whether it turns no more often than the goals, or than its directions."""
-        steps = np.diff(plan.control, axis=1, prepend=self._horizon.given[:, 2:])
-        steps = np.where(np.abs(steps) > _STILL * self._horizon.velocity[:, None], steps, 0.0)
-        _, count = self._turns.see(steps)
-        _, asked = self._turns.see(aims.direction.astype(np.float64))
-        asked = asked + (aims.direction == 0).any(axis=1)
-        return bool((count <= np.maximum(self._turns.asked, asked)).all())
-
     def _still(self, plan: Plan) -> bool:
         way = np.abs(plan.control - self._horizon.given[:, 2:]).max(axis=1)
         return bool((way <= _CLOSE * self._horizon.velocity).all())
 
     def _close(self, plan: Plan) -> bool:
         """Whether goals are met, so that the joints need nothing in common; far ones may change."""
-        moment = plan.moment[:, None]
-        far = 1.0 + (moment / _NEAR) ** 2
-        return bool((np.abs(plan.deviation) <= far * (_CLOSE * self._horizon.velocity)).all())
+        allowed = _CLOSE * self._horizon.velocity + 2.0 * self._noise
+        far = 1.0 + (plan.moment[:, None] / _NEAR) ** 2
+        return bool((np.abs(plan.deviation) <= far * allowed).all())
 
     def _starve(self, out: bool) -> None:
         if not out or self._ended or self._within:
@@ -469,32 +483,19 @@ class GoalStream:
                 slopes,
                 speed,
                 np.column_stack([low, high]),
-                self._directions(moment, knots),
+                *known.directions(
+                    moment,
+                    knots,
+                    horizon.given + horizon.origin[:, None],
+                    self._turns.sign,
+                    np.maximum(RESOLUTION * horizon.velocity, 2.5 * self._noise),
+                    final=self._within or self._ended,
+                ),
                 end,
                 self._ended and whole,
             ),
             knots,
         )
-
-    def _directions(self, moment: FloatArray, knots: int) -> NDArray[np.int32]:
-        """The sign of each first difference (N, knots): that of the goals where it is felt."""
-        horizon, going = self._horizon, self._turns.sign
-        centre, begin = np.arange(knots) + 1.5, self._known.first - 1
-        found = np.repeat(going.astype(np.int32)[:, None], knots, axis=1)
-        at, way = moment[begin:], self._known.position[begin:]
-        still = RESOLUTION * horizon.velocity
-        for j, resolution in enumerate(still.tolist()):
-            for i, (sign, one) in enumerate(monotone_pieces(way[:, j], resolution)):
-                found[j, centre >= (at[one] if going[j] or i else -np.inf)] = sign
-        # where goals rest: on towards them; a motion that is beyond them must turn
-        given = horizon.given + horizon.origin[:, None]
-        left, step = way[-1] - given[:, 2], given[:, 2] - given[:, 1]
-        on = np.where(left * step >= 0.0, np.sign(left), 0.0).astype(np.int32)
-        if not self._within and not self._ended:
-            on = np.where(on == 0, going, on).astype(np.int32)
-        flat = (np.abs(way - way[-1]) <= still).all(axis=0)
-        found[flat] = on[flat, None]
-        return found
 
     def _arrive(self, due: FloatArray, best: Plan) -> Plan | None:
         """The first knot in which all joints can rest on the last goal, if there is one soon."""
@@ -507,6 +508,8 @@ class GoalStream:
             return None
         worst = np.abs(best.deviation).max(axis=0, initial=0.0)
         allowed = np.maximum(1.2 * worst, _CLOSE * self._horizon.velocity)
+        close = bool((worst <= RESOLUTION * self._horizon.velocity).all())
+        exact = len(aims.moment) if self._exact and close else 0
         n = max(1, math.ceil(last - 1e-9) - 2)
         for knots in range(n, n + self._tail):
             short = replace(
@@ -516,7 +519,7 @@ class GoalStream:
             if len(progress) < knots + 1:
                 return None
             found = self._horizon.solve(
-                short, knots, progress, paced=False, ends=True, plan=best.control
+                short, knots, progress, paced=False, ends=True, exact=exact, plan=best.control
             )
             if (found.share == 1.0).all() and (np.abs(found.deviation) <= allowed).all():
                 self._arriving = knots + 2
