@@ -14,12 +14,12 @@ from sjerk import (
     GoalStream,
     Limits,
     Trajectory,
-    demo,
     follow,
     follow_path,
     follow_stops,
     follow_within,
 )
+from sjerk.cli import demo
 from sjerk.trajectory import shipped_recording
 from sjerk.trajectory.joining import join
 from sjerk.trajectory.segments import Knot, split

@@ -22,14 +22,15 @@ def add_arguments(jobs: Any) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Until the time is over or the kernel has ended."""
-    until = time.monotonic() + options.seconds
+    live = None if options.json else load("sjerk.cli.live", extra="monitor")
     with Monitor.attach(name_of(options)) as monitor:
+        until = time.monotonic() + options.seconds
 
         def goes_on() -> bool:
             return time.monotonic() < until and monitor.kernel_lives
 
-        if not options.json:
-            load("sjerk.cli.live", extra="monitor").watch(monitor, goes_on, _PERIOD_S)
+        if live is not None:
+            live.watch(monitor, goes_on, _PERIOD_S)
             return 0
         while goes_on():
             feedback = monitor.feedback()

@@ -22,7 +22,7 @@ _KINDS = {
 }
 
 
-class Writer(Protocol):
+class TableWriter(Protocol):
     """Takes tables of consecutive cycles, in order."""
 
     def write(self, tables: Tables) -> None:
@@ -37,9 +37,9 @@ def ready(path: Path) -> None:
     _class(path, "Writer")
 
 
-def writer(path: Path, description: str) -> Writer:
+def writer(path: Path, description: str) -> TableWriter:
     """A writer by the suffix of the file; raises InputError."""
-    made: Writer = _class(path, "Writer")(path, description)
+    made: TableWriter = _class(path, "Writer")(path, description)
     return made
 
 
@@ -69,18 +69,18 @@ def _line(fault: Exception) -> str:
     return str(fault).partition("\n")[0]
 
 
-def reader(path: Path) -> Reader:
+def reader(path: Path) -> TableReader:
     """A reader by the suffix of the file; raises InputError, OSError.
 
     To be used within ``decoding``.
     """
     if not path.exists():
         raise InputError("file", str(path), "does not exist")
-    made: Reader = _class(path, "Reader")(path)
+    made: TableReader = _class(path, "Reader")(path)
     return made
 
 
-class Reader(Protocol):
+class TableReader(Protocol):
     """Gives the tables of a file back, in order, some thousand cycles at a time."""
 
     description: str

@@ -70,6 +70,8 @@ def _bits(kind: str) -> int:
 
 
 class McapWriter:
+    """A ``TableWriter``: one message per row, in the order of the cycles."""
+
     def __init__(self, path: Path, description: str) -> None:
         self._stream = path.open("wb")
         self._file: Any = Writer(
@@ -80,6 +82,7 @@ class McapWriter:
         self._channels: dict[str, tuple[int, np.dtype[Any]]] = {}
 
     def write(self, tables: Tables) -> None:
+        """Append the messages of some cycles; the frame is the last of each."""
         messages: list[tuple[int, bool, int, int, bytes]] = []
         for name, table in tables.items():
             if name not in self._channels:
@@ -112,6 +115,7 @@ class McapWriter:
             self._file.add_message(channel, log_time=time, data=message, publish_time=time)
 
     def close(self) -> None:
+        """End the file: its last chunk, its summary."""
         self._file.finish()
         self._stream.close()
 
@@ -135,6 +139,8 @@ class _Whole:
 
 
 class McapReader:
+    """A ``TableReader``, also of a file that was cut; raises InputError for what is none."""
+
     def __init__(self, path: Path) -> None:
         self._path = path
         description = None
@@ -163,6 +169,7 @@ class McapReader:
                 return  # its writer died, or it was cut; what came before is whole
 
     def tables(self) -> Iterator[Tables]:
+        """Whole cycles only: what has no frame yet is left out."""
         schemas: dict[int, Any] = {}
         known: dict[int, tuple[str, np.dtype[Any]]] = {}
         rows: dict[str, list[bytes]] = {}

@@ -48,12 +48,15 @@ def _from_arrow(column: Any) -> NDArray[Any]:
 
 
 class ParquetWriter:
+    """A ``TableWriter``: one row group per call."""
+
     def __init__(self, path: Path, description: str) -> None:
         self._path, self._description = path, description
         self._file: Any = None
         path.open("wb").close()  # a folder that cannot be written fails now
 
     def write(self, tables: Tables) -> None:
+        """Append a row group of some cycles."""
         frames = tables[FRAMES]
         columns = {name: _to_arrow(column) for name, column in frames.items()}
         for name, table in tables.items():
@@ -81,11 +84,14 @@ class ParquetWriter:
         self._file.write_table(arrow.cast(self._file.schema), row_group_size=len(frames["cycle"]))
 
     def close(self) -> None:
+        """End the file: without its end it cannot be read."""
         if self._file is not None:
             self._file.close()
 
 
 class ParquetReader:
+    """A ``TableReader``; raises InputError for what is no recording."""
+
     def __init__(self, path: Path) -> None:
         try:
             self._file = parquet.ParquetFile(path, page_checksum_verification=True)
@@ -99,6 +105,7 @@ class ParquetReader:
             raise InputError("file", str(path), why) from None
 
     def tables(self) -> Iterator[Tables]:
+        """One row group after the other."""
         for group in range(self._file.num_row_groups):
             arrow = self._file.read_row_group(group).combine_chunks()
             found: Tables = {FRAMES: {}}

@@ -24,7 +24,7 @@ from sjerk.recording import files
 from sjerk.recording.tables import chunk_of, tables_of
 
 
-def _chunks(path: Path, file: files.Reader, axes: int) -> Iterator[Chunk]:
+def _chunks(path: Path, file: files.TableReader, axes: int) -> Iterator[Chunk]:
     with files.decoding(path):
         for tables in file.tables():
             yield chunk_of(tables, axes)
