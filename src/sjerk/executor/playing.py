@@ -30,8 +30,8 @@ class StreamPlayer:
     ``axes``: one per joint, else all, which must be at rest. ``ahead`` (s): how long before it is
     due a piece is planned and sent; it is added to the delay as a margin. With a kernel in a
     process a thread feeds it; in a caller's own loop ``update`` must be called every few cycles.
-    Where it is held up the motion follows its plan, which ends at rest, and is planned on from where
-    it is then. Time is the clock's: cycles that the kernel leaves out are a lag, and made up.
+    Where it is held up the motion follows its plan, which ends at rest, and is planned on from
+    where it is then. Time is the clock's: cycles that the kernel leaves out are a lag, and made up.
     """
 
     def __init__(

@@ -23,7 +23,8 @@ static const double RIDGE = 1e-9;       /* weight of the distance to the given p
 static const double ROOM = 1e-11, KEPT = 1e-9;
 static const double STILL = 1e-8;       /* a smaller difference has no direction */
 static const double TOLERANCE = 1e-9;
-static const double bezier[3][3] = {{1 / 6.0, 4 / 6.0, 1 / 6.0}, {0, 2 / 3.0, 1 / 3.0}, {0, 1 / 3.0, 2 / 3.0}};
+static const double bezier[3][3] = {
+    {1 / 6.0, 4 / 6.0, 1 / 6.0}, {0, 2 / 3.0, 1 / 3.0}, {0, 1 / 3.0, 2 / 3.0}};
 static const double binomial[4][4] = {{1, 0, 0, 0}, {-1, 1, 0, 0}, {1, -2, 1, 0}, {-1, 3, -3, 1}};
 
 /* The programme of joints first .. first + count - 1, in the caller's memory. */

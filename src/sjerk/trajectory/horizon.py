@@ -21,8 +21,8 @@ from sjerk.trajectory.segments import PHASES, Followed, Knot
 
 #: Weight of squared differences between a goal's velocity and the plan's, in knots.
 _SPEED = 1.0
-#: Ridge against goals that are denser than knots; weight of the rest beyond the last goal.
-_DENSE, _TAIL = 1e-3, 1e-4
+#: Weight of the rest beyond the last goal, while another may come.
+_TAIL = 1e-4
 #: Weight of the squared lag of the common progress; its largest change in one solution, in knots.
 _LAG, _TRUST = 1e-3, 3.0
 #: Control points further from the origin than so many knots at full velocity move it along.
@@ -66,7 +66,7 @@ class Aims:
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """``control`` (N, knots) relative to the origin; ``progress`` (knots + 1,) from the present knot.
+    """``control`` (N, knots) from the origin; ``progress`` (knots + 1,) from the present knot.
 
     ``share`` (N,): of the way from the plan before to the best one; ``moment`` (g,) and
     ``deviation`` (g, N) at the goals.
@@ -105,9 +105,6 @@ class Horizon:
             / self._unit[:, None],
             _BOUNDS,
         )
-        self.stop = [
-            limit.velocity / limit.acceleration + limit.acceleration / limit.jerk for limit in own
-        ]
         self._size = (0, 0)
         self.rest(position)
 
@@ -146,7 +143,7 @@ class Horizon:
         plan: FloatArray | None = None,
         most: int | None = None,
     ) -> Plan:
-        """The best plan of so many control points; with ``ends`` it ends on ``aims.end``, or share 0.
+        """The best plan of so many control points; ``ends``: that ends on ``aims.end``, or share 0.
 
         ``progress`` (knots + 1,); ``paced``: it is chosen too. ``plan``: one that keeps the limits,
         and is not longer; else the one before. With ``ends`` it is a guess. ``exact``: so many

@@ -16,8 +16,8 @@ IntArray = NDArray[np.int64]
 class Known:
     """Goals of N joints in the order of time: the last ones passed, and those ahead.
 
-    ``cycle`` (g,): when they are due, in cycles, whole or not; ``position``, ``velocity`` (g, N); nan where none was given.
-    ``first``: the first one ahead.
+    ``cycle`` (g,): when they are due, in cycles, whole or not; ``position``, ``velocity`` (g, N),
+    nan where none was given. ``first``: the first one ahead.
     """
 
     def __init__(self, position: FloatArray, cycle: int, time: float) -> None:
@@ -142,8 +142,15 @@ class Known:
         found = np.repeat(going.astype(np.int32)[:, None], knots, axis=1)
         turning = np.zeros((len(given), knots), dtype=np.bool_)
         at, way = moment[begin:], self.position[begin:]
+        steps = np.diff(way, axis=0)
+        up, down = [np.any(sign * steps > 0.0, axis=0).tolist() for sign in (1.0, -1.0)]
         for j, least in enumerate(resolution.tolist()):
-            for i, (sign, one) in enumerate(monotone_pieces(way[:, j], least)):
+            if up[j] and down[j]:
+                pieces = monotone_pieces(way[:, j], least)
+            else:  # from the last of equal goals on
+                begin = int(np.argmax(steps[:, j] != 0.0)) if up[j] or down[j] else 0
+                pieces = [(1 if up[j] else -1, begin)] if up[j] or down[j] else []
+            for i, (sign, one) in enumerate(pieces):
                 found[j, centre >= (at[one] if going[j] or i else -np.inf)] = sign
                 if i or (going[j] and going[j] != sign):
                     top = one  # as far back as goals are as far on
@@ -175,7 +182,7 @@ class Known:
 
 
 def shortest_stop(v: FloatArray, a: FloatArray, A: FloatArray, J: FloatArray) -> FloatArray:
-    """Way to rest from v >= 0 and a, under limits A and J; a lower estimate where a stops too early.
+    """Way to rest from v >= 0 and a, under A and J; a lower estimate where a stops too early.
 
     Jerk -J to a deceleration p, constant, jerk J: p^2 = J v + a^2 / 2 or A.
 

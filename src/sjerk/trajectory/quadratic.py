@@ -31,7 +31,7 @@ class Optimum:
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """Sparse rows of m constraints: row r has ``value[start[r]:start[r+1]]`` at ``column`` of these.
+    """Sparse rows of m constraints: row r is ``value[start[r]:start[r+1]]`` at ``column`` of these.
 
     ``start`` (m + 1,), ``column`` (entries,), ascending within a row, ``value`` (entries,).
     """

@@ -186,7 +186,7 @@ class GoalStream:
         after it; one without a time that comes at rest, when no goal is ahead, is timed anew.
         ``velocity`` (N,) is what the goal moves with, if that is known. Raises InputError: not
         finite, outside the position limits, times that do not increase, or lie more than
-        ``FURTHEST`` periods beyond the newest goal and what was handed out; a stream that was ended.
+        ``FURTHEST`` periods beyond the newest goal and what was handed out; an ended stream.
         """
         if self._ended:
             raise InputError("position", position, "the stream was ended")
@@ -507,7 +507,7 @@ class GoalStream:
         if len(aims.moment) < len(due) - first:
             return None
         worst = np.abs(best.deviation).max(axis=0, initial=0.0)
-        allowed = np.maximum(1.2 * worst, _CLOSE * self._horizon.velocity)
+        allowed = np.maximum(1.2 * worst, 3.0 * _CLOSE * self._horizon.velocity)
         close = bool((worst <= RESOLUTION * self._horizon.velocity).all())
         exact = len(aims.moment) if self._exact and close else 0
         n = max(1, math.ceil(last - 1e-9) - 2)
