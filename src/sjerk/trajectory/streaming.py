@@ -233,6 +233,7 @@ class GoalStream:
         self._starving, self._arriving, self._begin = True, 0, self._cycle
         self._starved += 1
         self._first = known.first == len(known)
+        known.position[known.first - 1] = at
         if not self._first:
             known.move(self._cycle + self._behind - float(known.cycle[known.first]))
 
