@@ -46,7 +46,7 @@ def main() -> int:
             "undone": not found.done,
         }
         row["runs"] += 1
-        kept += stream.kept
+        kept += stream.report.kept
         for name, is_bad in bad.items():
             row[name] += is_bad
         faults += any(bad.values())

@@ -21,7 +21,8 @@ from sjerk.host import Host, Path, PathState
 from sjerk.host.arguments import joint_axes
 from sjerk.profile import Limits
 from sjerk.trajectory.segments import Followed
-from sjerk.trajectory.streaming import SMOOTHING, GoalStream, StreamReport
+from sjerk.trajectory.stream_report import StreamReport
+from sjerk.trajectory.streaming import SMOOTHING, GoalStream
 
 
 class StreamPlayer:

@@ -6,11 +6,25 @@ Never here: plans, control points, cycles that were handed out.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from sjerk.errors import InputError
 from sjerk.profile import FloatArray
 
 IntArray = NDArray[np.int64]
+
+
+def row_of(name: str, value: ArrayLike, joints: int) -> FloatArray:
+    """A finite number for each joint; raises InputError."""
+    try:
+        row = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError) as fault:
+        raise InputError(name, value, f"must be {joints} numbers") from fault
+    if row.shape != (joints,):
+        raise InputError(name, row.shape, f"must have shape ({joints},)")
+    if not np.isfinite(row).all():
+        raise InputError(name, row.tolist(), "must be finite")
+    return row
 
 
 class Known:

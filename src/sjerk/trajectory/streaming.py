@@ -11,17 +11,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from sjerk.errors import InputError, positive, real
 from sjerk.profile import FloatArray, Limits
 from sjerk.trajectory.horizon import Aims, Horizon, Mode, Plan, numbered
 from sjerk.trajectory.joining import both
-from sjerk.trajectory.known import Known, Turns
+from sjerk.trajectory.known import Known, Turns, row_of
 from sjerk.trajectory.segments import Followed
+from sjerk.trajectory.stream_report import Ledger, StreamReport
 
 #: Periods that a goal's time may lie beyond what is known: more is another clock.
 FURTHEST = 100
@@ -50,27 +51,6 @@ SMOOTHING = 0.1
 #: Iterations of the solver in one solution.
 ITERATIONS = 40
 _CYCLES = 2**50
-
-
-@dataclass(frozen=True, eq=False)
-class StreamReport:
-    """What has become of the goals, by what was handed out.
-
-    ``goals`` given, ``passed`` so far; ``deviation`` (N,): largest distance from a goal in its
-    cycle, the lag added. ``lag``, ``largest_lag`` (s): behind time plus delay, now and at most.
-    ``starved``: how often the goals ran out in motion; ``starving``: now; ``beyond`` (N,): how far
-    past the last goal then. ``reversals`` (N,): turns that the goals do not have.
-    """
-
-    goals: int
-    passed: int
-    deviation: FloatArray
-    lag: float
-    largest_lag: float
-    starved: int
-    starving: bool
-    beyond: FloatArray
-    reversals: NDArray[np.int64]
 
 
 class GoalStream:
@@ -167,12 +147,8 @@ class GoalStream:
         self._ended = False
         self._arriving = 0  # knots of a plan that ends on the last goal
         self._cycle = self._segments = self._begin = 0
-        self._goals = self._passed = self._starved = 0
-        self._worst = self._lag = 0.0
-        self._starving = False
-        self.kept = 0
         self._noise = np.zeros(n)
-        self._beyond, self._deviation = np.zeros(n), np.zeros(n)
+        self._told = Ledger(n)
         self._turns = Turns(at, RESOLUTION * self._horizon.velocity)
 
     # ---- what comes in
@@ -197,7 +173,7 @@ class GoalStream:
                 raise InputError(f"position of {name}", x, f"must lie in {limit.position}")
         known = self._known
         at = known.time + self._period if time is None else real("time", time)
-        if self._goals and not at > known.time:
+        if self._told.goals and not at > known.time:
             raise InputError("time", time, f"must be after {known.time}")
         idle = max(self._cycle + self._behind - known.last_cycle, 0) * self._T
         most = known.time + idle + FURTHEST * self._period
@@ -213,7 +189,7 @@ class GoalStream:
             due = known.last_cycle + (at - known.time) / self._T
             due = round(due) if abs(due - round(due)) < 1e-6 else due
         self._known.add(goal, due, at, speed)
-        self._goals += 1
+        self._told.goals += 1
         self._arriving = 0
         self._turns.add(goal)
 
@@ -230,8 +206,8 @@ class GoalStream:
         self._look()
         self._horizon.rest(at)
         self._cycle = max(self._cycle, cycle)
-        self._starving, self._arriving, self._begin = True, 0, self._cycle
-        self._starved += 1
+        self._told.starve(True)
+        self._arriving, self._begin = 0, self._cycle
         self._first = known.first == len(known)
         known.position[known.first - 1] = at
         if not self._first:
@@ -265,17 +241,7 @@ class GoalStream:
     @property
     def report(self) -> StreamReport:
         """What has become of the goals so far."""
-        return StreamReport(
-            self._goals,
-            self._passed,
-            self._deviation.copy(),
-            self._lag,
-            self._worst,
-            self._starved,
-            self._starving,
-            self._beyond.copy(),
-            self._turns.more(),
-        )
+        return self._told.report(self._turns.more())
 
     def take(self, cycle: int) -> list[Followed]:
         """Hand out the motion up to ``cycle`` of the stream, or to the next knot behind it.
@@ -328,7 +294,7 @@ class GoalStream:
             plan = None
         else:
             plan = self._plan()
-            horizon.end = self._last().copy()
+            horizon.end = self._known.last.copy()
         return self._knot(plan)
 
     def _knot(self, plan: Plan | None) -> Followed:
@@ -351,11 +317,8 @@ class GoalStream:
         now = self._cycle + 0.5 + (float(self._horizon.progress[0]) + 1e-9) * self._m
         return self._known.last_cycle <= now
 
-    def _last(self) -> FloatArray:
-        return self._known.last
-
     def _on_last(self) -> bool:
-        return bool((self._horizon.knot.position == self._last()).all())
+        return bool((self._horizon.knot.position == self._known.last).all())
 
     def _plan(self) -> Plan:
         """Each joint by itself where goals are met so; else with a common progress."""
@@ -366,7 +329,7 @@ class GoalStream:
         )
         # the sample is half a cycle behind the spline
         due = (known.cycle - (self._cycle + 0.5)) / self._m
-        self._starve(known.first == len(known))
+        self._told.starve(known.first == len(known) and not self._ended and not self._within)
         self._noise = known.noise(3 * self._m, self._per_cycle)
         best = None
         if horizon.progress[0] > -1e-2:
@@ -380,7 +343,7 @@ class GoalStream:
                     break
                 progress, plan = best.progress, best.control
         if best is None:
-            self.kept += 1
+            self._told.kept += 1
             progress = horizon.ahead(2 * (self._most + self._tail))
             aims, knots = self._aims(due, progress)
             best = horizon.solve(aims, knots, progress, paced=False, mode=Mode.AS_BEFORE, most=0)
@@ -440,13 +403,6 @@ class GoalStream:
         allowed = _CLOSE * self._horizon.velocity + 2.0 * self._noise
         far = 1.0 + (plan.moment[:, None] / _NEAR) ** 2
         return bool((np.abs(plan.deviation) <= far * allowed).all())
-
-    def _starve(self, out: bool) -> None:
-        if not out or self._ended or self._within:
-            self._starving = False
-        elif not self._starving:
-            self._starving = True
-            self._starved += 1
 
     def _aims(self, due: FloatArray, progress: FloatArray, least: int = 0) -> tuple[Aims, int]:
         """The goals as a plan with this progress has them, and its length."""
@@ -537,26 +493,12 @@ class GoalStream:
         until = self._cycle + 0.5 + (float(progress[1]) + 1e-9) * self._m
         passed = int(np.searchsorted(known.cycle, until, side="right")) - known.first
         if passed > 0:
-            if plan is not None and len(plan.deviation):
-                worst = np.abs(plan.deviation[:passed]).max(axis=0)
-                self._deviation = np.maximum(self._deviation, worst)
-            self._passed += passed
-            self._lag = max(0.0, 1.0 - float(progress[1])) * self._m * self._T
-            self._worst = max(self._worst, self._lag)
-        if self._starving:
-            gap = np.abs(self._horizon.knot.position - self._last())
-            self._beyond = np.maximum(self._beyond, gap)
+            off = np.zeros((0, len(self._limits))) if plan is None else plan.deviation[:passed]
+            self._told.passing(passed, off, (1.0 - float(progress[1])) * self._m * self._T)
+        self._told.rests(np.abs(horizon.knot.position - self._known.last))
 
     def _cycles(self, seconds: float) -> int:
         return int(seconds / self._T * (1.0 + 1e-12) + 0.5)
 
     def _row(self, name: str, value: ArrayLike) -> FloatArray:
-        try:
-            row = np.array(value, dtype=np.float64)
-        except (TypeError, ValueError) as fault:
-            raise InputError(name, value, f"must be {len(self._limits)} numbers") from fault
-        if row.shape != (len(self._limits),):
-            raise InputError(name, row.shape, f"must have shape ({len(self._limits)},)")
-        if not np.isfinite(row).all():
-            raise InputError(name, row.tolist(), "must be finite")
-        return row
+        return row_of(name, value, len(self._limits))
