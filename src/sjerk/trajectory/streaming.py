@@ -42,8 +42,6 @@ _NEAR = 2.0
 _DENSE = 1e-3
 #: Of the way a source needs to stop, by differences of its goals.
 _SURE = 0.98
-#: Solutions with a common progress in a knot; the next knot goes on.
-_ROUNDS = 1
 #: Differences of control points below this share of a knot's way at full velocity are none.
 _STILL = 1e-9
 #: Weight of jerk against distance from the goals.
@@ -334,14 +332,10 @@ class GoalStream:
         best = None
         if horizon.progress[0] > -1e-2:
             progress = np.arange(float(2 * (self._most + self._tail)))
-            best = self._solve(due, progress, None, paced=False)
+            best = self._solve(due, progress, paced=False)
         if best is None or not self._close(best):
-            progress, plan = horizon.ahead(2 * (self._most + self._tail)), None
-            for _ in range(_ROUNDS):
-                best = self._solve(due, progress, plan, paced=True)
-                if best is None:
-                    break
-                progress, plan = best.progress, best.control
+            progress = horizon.ahead(2 * (self._most + self._tail))
+            best = self._solve(due, progress, paced=True)
         if best is None:
             self._told.kept += 1
             progress = horizon.ahead(2 * (self._most + self._tail))
@@ -357,15 +351,14 @@ class GoalStream:
         self,
         due: FloatArray,
         progress: FloatArray,
-        plan: FloatArray | None,
         *,
         paced: bool,
     ) -> Plan | None:
         """The best plan that turns no more often than the goals do."""
-        aims, knots = self._aims(due, progress, 0 if plan is None else plan.shape[1])
+        aims, knots = self._aims(due, progress)
         still = _STILL * self._horizon.velocity[:, None]
         exact = 0
-        if self._exact and len(aims.moment):  # not where the plan must stop
+        if self._exact and len(aims.moment):  # not where it must stop
             until = np.inf if aims.ended else aims.moment[-1] - self._tail
             exact = int(np.searchsorted(aims.moment, until))
         attempts = [(mode, aims) for mode in Mode]
@@ -378,7 +371,6 @@ class GoalStream:
                 knots,
                 progress[: knots + 1],
                 paced=paced,
-                plan=plan,
                 mode=mode,
                 exact=exact,
             )
@@ -404,7 +396,7 @@ class GoalStream:
         far = 1.0 + (plan.moment[:, None] / _NEAR) ** 2
         return bool((np.abs(plan.deviation) <= far * allowed).all())
 
-    def _aims(self, due: FloatArray, progress: FloatArray, least: int = 0) -> tuple[Aims, int]:
+    def _aims(self, due: FloatArray, progress: FloatArray) -> tuple[Aims, int]:
         """The goals as a plan with this progress has them, and its length."""
         horizon, known = self._horizon, self._known
         first, position = known.first, known.position
@@ -415,7 +407,7 @@ class GoalStream:
         ahead = np.arange(first, first + int(np.searchsorted(moment[first:], self._most)))
         at = moment[ahead]
         knots = (math.ceil(at[-1]) if len(at) else 0) + self._tail
-        knots = max(knots, horizon.plan.shape[1], least)
+        knots = max(knots, horizon.plan.shape[1])
         gap = np.diff(at, prepend=moment[first - 1])
         slopes = known.slopes(due, ahead)
         speed = None
