@@ -27,7 +27,7 @@ from sjerk.trajectory.stream_report import Ledger, StreamReport
 #: Periods that a goal's time may lie beyond what is known: more is another clock.
 FURTHEST = 100
 #: Longest delay, in periods.
-_LONGEST = 256
+_LONGEST = 10_000
 #: Knots in the time of a stop from full velocity.
 KNOTS = 12
 #: How far ahead goals are looked at, in stops.
