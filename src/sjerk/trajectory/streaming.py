@@ -356,7 +356,6 @@ class GoalStream:
     ) -> Plan | None:
         """The best plan that turns no more often than the goals do."""
         aims, knots = self._aims(due, progress)
-        still = _STILL * self._horizon.velocity[:, None]
         exact = 0
         if self._exact and len(aims.moment):  # not where it must stop
             until = np.inf if aims.ended else aims.moment[-1] - self._tail
@@ -374,10 +373,7 @@ class GoalStream:
                 mode=mode,
                 exact=exact,
             )
-            steps = np.diff(best.control, axis=1, prepend=self._horizon.given[:, 2:])
-            if (mode is not Mode.HARD or best.share.all()) and self._turns.kept(
-                aims.direction, np.where(np.abs(steps) > still, steps, 0.0)
-            ):
+            if (mode is not Mode.HARD or best.share.all()) and self._keeps_turns(aims, best):
                 break
         else:
             return None
@@ -385,6 +381,11 @@ class GoalStream:
         more = np.arange(1.0, 2 * (self._most + self._tail) - last)
         progress = np.concatenate([best.progress[: last + 1], best.progress[last] + more])
         return replace(best, progress=progress)
+
+    def _keeps_turns(self, aims: Aims, plan: Plan) -> bool:
+        steps = np.diff(plan.control, axis=1, prepend=self._horizon.given[:, 2:])
+        still = _STILL * self._horizon.velocity[:, None]
+        return self._turns.kept(aims.direction, np.where(np.abs(steps) > still, steps, 0.0))
 
     def _still(self, plan: Plan) -> bool:
         way = np.abs(plan.control - self._horizon.given[:, 2:]).max(axis=1)
@@ -457,8 +458,8 @@ class GoalStream:
             return None
         worst = np.abs(best.deviation).max(axis=0, initial=0.0)
         allowed = np.maximum(1.2 * worst, 3.0 * _CLOSE * self._horizon.velocity)
-        close = bool((worst <= RESOLUTION * self._horizon.velocity).all())
-        exact = len(aims.moment) if self._exact and close else 0
+        met = bool((worst <= RESOLUTION * self._horizon.velocity).all())
+        exact = len(aims.moment) if self._exact and met else 0
         n = max(1, math.ceil(last - 1e-9) - 2)
         for knots in range(n, n + self._tail):
             short = replace(
@@ -470,7 +471,8 @@ class GoalStream:
             found = self._horizon.solve(
                 short, knots, progress, paced=False, ends=True, exact=exact, plan=best.control
             )
-            if (found.share == 1.0).all() and (np.abs(found.deviation) <= allowed).all():
+            close = (found.share == 1.0).all() and (np.abs(found.deviation) <= allowed).all()
+            if close and self._keeps_turns(short, found):
                 self._arriving = knots + 2
                 return replace(found, progress=best.progress)
         return None
