@@ -22,6 +22,8 @@ HEADERS = (
     "drive/_words.h",
     "drive/_drive.h",
     "_kernel.h",
+    "trajectory/_qp.h",
+    "trajectory/_horizon.h",
     "trajectory/_following.h",
     "trajectory/_track.h",
     "trajectory/_pace.h",

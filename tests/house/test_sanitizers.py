@@ -29,6 +29,8 @@ CHOSEN = [
             "kernel/test_kernel.py",
             "base/test_interpolator.py",
             "trajectory/test_following.py",
+            "trajectory/test_quadratic.py",
+            "executor/test_playing.py",
             "cycle/test_ahead.py",
             "trajectory/test_pace.py",
             "cycle/test_hold.py",
