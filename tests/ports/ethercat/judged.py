@@ -20,7 +20,20 @@ from pathlib import Path
 
 import pytest
 
-LONGEST_S = 100
+LONGEST_S = 60
+SESSIONS = 4
+STALL_S = 0.010
+#: Sleeps 2 ms until its input ends; prints by how much the latest wake-up was late, in s.
+METER = """
+import select, sys, time
+worst = 0.0
+while True:
+    before = time.monotonic()
+    if select.select([sys.stdin], [], [], 0.002)[0]:
+        break
+    worst = max(worst, time.monotonic() - before - 0.002)
+print(worst)
+"""
 JUDGES = Path(__file__).with_name("judges")
 CABLE = (
     "ip link add ecm type veth peer name ecs && ip link set lo up && "
@@ -98,11 +111,35 @@ def _first() -> list[str]:
 
 @functools.cache
 def verdict(name: str, drives: int) -> dict[str, str]:
-    """What became of every check of a judge: "" or where it failed."""
+    """What became of every check of a judge: "" or where it failed.
+
+    Main devices have time-outs of milliseconds. A session that failed while the machine gave a
+    program of the same priority no processor for longer than `STALL_S` begins anew; one that failed
+    without such a stall has failed.
+    """
+    for _ in range(SESSIONS):
+        outcome, stall = session(name, drives)
+        failed = {check: text for check, text in outcome.items() if text}
+        if not failed or stall < STALL_S:
+            break
+    return outcome | {
+        check: f"{text}(the machine stood still for {stall * 1e3:.0f} ms)"
+        for check, text in failed.items()
+    }
+
+
+def session(name: str, drives: int) -> tuple[dict[str, str], float]:
+    """One run of a judge and the longest stall of the machine meanwhile, in s."""
     program = f'"{sys.executable}" "{JUDGES / name}_judge.py" {drives}'
     environment = {**os.environ, "LD_LIBRARY_PATH": str(_packet_library())}
     if name in CAPTURED:
         environment["SJERK_JUDGE_CAPTURE"] = str(_folder() / f"{name}-{drives}.pcapng")
+    meter = subprocess.Popen(
+        [*_first(), sys.executable, "-c", METER],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
     with subprocess.Popen(
         [*_first(), *NAMESPACE, f"{CABLE} && exec {program}"],
         stdout=subprocess.PIPE,
@@ -116,10 +153,11 @@ def verdict(name: str, drives: int) -> dict[str, str]:
         except subprocess.TimeoutExpired:
             os.killpg(process.pid, signal.SIGKILL)
             said = f"it did not end within {LONGEST_S} s"
+    stall = float(meter.communicate()[0])
     lines = [line for line in said.splitlines() if line.startswith("{")]
     if lines:
-        return dict(json.loads(lines[-1]))
-    return dict.fromkeys(CHECKS[name], f"{name} said: {said[-4000:]}")
+        return dict(json.loads(lines[-1])), stall
+    return dict.fromkeys(CHECKS[name], f"{name} said: {said[-4000:]}"), stall
 
 
 @pytest.mark.usefixtures("cable")
@@ -144,22 +182,24 @@ def malformed(capture: Path) -> tuple[int, int]:
     return counts[0], counts[1]
 
 
-@pytest.mark.usefixtures("cable")
-@pytest.mark.parametrize(("name", "drives"), [r for r in RUNS[GROUP] if r[0] in CAPTURED])
-def test_an_independent_decoder_finds_nothing_malformed(name: str, drives: int) -> None:
-    """Tshark over the whole session of a judge; in a copy with spoilt lengths it finds some."""
-    verdict(name, drives)
-    capture = _folder() / f"{name}-{drives}.pcapng"
-    frames, bad = malformed(capture)
-    assert frames > 100
-    assert bad == 0
-    data, at, spoilt = bytearray(capture.read_bytes()), 0, 0
-    while at < len(data) and spoilt < 20:
-        kind, size = int.from_bytes(data[at : at + 4], "little"), data[at + 4 : at + 8]
-        if kind == 6 and data[at + 28 + 12 : at + 28 + 14] == b"\x88\xa4":
-            data[at + 28 + 22] = 0xFF  # the length of the first datagram
-            spoilt += 1
-        at += int.from_bytes(size, "little")
-    copy = capture.with_suffix(".spoilt.pcapng")
-    copy.write_bytes(data)
-    assert malformed(copy)[1] > 0
+if CAPTURES := [run for run in RUNS[GROUP] if run[0] in CAPTURED]:
+
+    @pytest.mark.usefixtures("cable")
+    @pytest.mark.parametrize(("name", "drives"), CAPTURES)
+    def test_an_independent_decoder_finds_nothing_malformed(name: str, drives: int) -> None:
+        """Tshark over the whole session of a judge; in a copy with spoilt lengths it finds some."""
+        verdict(name, drives)
+        capture = _folder() / f"{name}-{drives}.pcapng"
+        frames, bad = malformed(capture)
+        assert frames > 100
+        assert bad == 0
+        data, at, spoilt = bytearray(capture.read_bytes()), 0, 0
+        while at < len(data) and spoilt < 20:
+            kind, size = int.from_bytes(data[at : at + 4], "little"), data[at + 4 : at + 8]
+            if kind == 6 and data[at + 28 + 12 : at + 28 + 14] == b"\x88\xa4":
+                data[at + 28 + 22] = 0xFF  # the length of the first datagram
+                spoilt += 1
+            at += int.from_bytes(size, "little")
+        copy = capture.with_suffix(".spoilt.pcapng")
+        copy.write_bytes(data)
+        assert malformed(copy)[1] > 0
