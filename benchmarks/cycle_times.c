@@ -8,7 +8,7 @@
 #include <stddef.h>
 #include <stdint.h>
 #include <time.h>
-#include "_kernel.h"
+#include "cycle/_state.h"
 
 static uint64_t read_ns(clockid_t clock)
 {

@@ -9,7 +9,7 @@ import pytest
 from conftest import Report
 from sjerk._binding import ffi, lib
 from sjerk.cia402 import MOTORS, Drive, DriveConfig
-from sjerk.device import Device
+from sjerk.drive.device import Device
 
 
 class Group:

@@ -22,11 +22,11 @@ import pytest
 from conftest import Report
 from sjerk import Axis, Clock, DriveConfig, Host, Limits, MotionKernel
 from sjerk._binding import ffi, lib
-from sjerk.cyclictest import Cyclictest
-from sjerk.demo import AFTER_S, COUNTS_PER_DEGREE, LIMITS, Record, _error, single_move, streamed
-from sjerk.feedback import Distribution
-from sjerk.kernel import _copy
-from sjerk.trajectory import read_recording, shipped_recording
+from sjerk.cli.cyclictest import Cyclictest
+from sjerk.cli.demo import AFTER_S, COUNTS_PER_DEGREE, LIMITS, Record, _error, single_move, streamed
+from sjerk.host.timing import Distribution
+from sjerk.kernel.kernel import _copy
+from sjerk.trajectory.trajectory import read_recording, shipped_recording
 
 HERE = Path(__file__).parent
 COUNTS = 2**24 / 360.0

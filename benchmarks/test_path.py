@@ -11,7 +11,7 @@ import pytest
 from conftest import Report
 from sjerk import Axis, Limits, MotionKernel, Path, Trajectory, follow
 from sjerk._binding import lib
-from sjerk.trajectory import shipped_recording
+from sjerk.trajectory.trajectory import shipped_recording
 
 T = 1e-3
 VELOCITY = [2.175] * 4 + [2.61] * 3

@@ -19,7 +19,7 @@ import pytest
 from conftest import Report
 from sjerk import Limits, State, plan, plan_many
 from sjerk._binding import ffi, lib
-from sjerk.planning import _PHASES, _ROOM, _ROW
+from sjerk.planner.planning import _PHASES, _ROOM, _ROW
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 import planner_check as check

@@ -20,9 +20,9 @@ from sjerk import (
     follow_stops,
     follow_within,
 )
-from sjerk.joining import join
-from sjerk.segments import Knot, split
-from sjerk.trajectory import shipped_recording
+from sjerk.trajectory.joining import join
+from sjerk.trajectory.segments import Knot, split
+from sjerk.trajectory.trajectory import shipped_recording
 
 T = 1e-3
 VELOCITY = [2.175] * 4 + [2.61] * 3

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from sjerk import Limits, Motion, plan
-from sjerk.plot import Curve, panels
+from sjerk.cli.plot import Curve, panels
 
 T = 1e-3
 velocity = [2.175, 2.175, 2.175, 2.175, 2.61, 2.61, 2.61]

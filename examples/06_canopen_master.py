@@ -15,10 +15,10 @@ import can
 import numpy as np
 
 from sjerk import Axis, Drive, Limits, MotionKernel
-from sjerk.device import Device
-from sjerk.plot import Curve, panels
-from sjerk.ports.canopen import Node, sender
-from sjerk.ports.canopen_master import Master
+from sjerk.cli.plot import Curve, panels
+from sjerk.drive.device import Device
+from sjerk.ports.canopen.master import Master
+from sjerk.ports.canopen.node import Node, sender
 
 T, NODE = 5e-3, 3
 counts_per_degree = 2**24 / 360.0

@@ -16,7 +16,7 @@ import time
 import can
 
 from sjerk import Axis, Limits, MotionKernel
-from sjerk.ports.canopen_master import Master, SdoClient
+from sjerk.ports.canopen.master import Master, SdoClient
 
 NODE, T = 5, 0.01
 COUNTS = 2**24 / 360.0

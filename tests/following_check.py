@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from exact import Sample, continuous
 from sjerk import Limits, Trajectory
-from sjerk.segments import Followed
+from sjerk.trajectory.segments import Followed
 
 Array = NDArray[np.float64]
 T = 1e-3

@@ -13,7 +13,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <ucontext.h>
-#include "_kernel.h"
+#include "dpram/_dpram.h"
 
 enum { HOST = 0, KERNEL = 1, SWITCH = 0, KILL = 1, MOST = 8, STACK = 1 << 16 };
 

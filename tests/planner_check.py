@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sjerk._binding import ffi, lib
-from sjerk.planning import Plans
+from sjerk.planner.planning import Plans
 
 Array = NDArray[np.float64]
 #: The memory of an `sj_plan`.

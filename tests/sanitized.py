@@ -28,15 +28,16 @@ def build(folder: Path) -> None:
     for source in SOURCES.iterdir():
         if source.suffix == ".py" or source.is_dir():
             (package / source.name).symlink_to(source)
-    binding = folder / "_core.c"
+    binding, cdef, begin = folder / "_core.c", folder / "_core.cdef", folder / "_core.c.in"
+    contract = SOURCES.parent.parent / "tools" / "contract.py"
+    subprocess.run([sys.executable, contract, cdef, begin], check=True)
     subprocess.run(
-        [sys.executable, "-m", "cffi.gen_src", "read-sources", "sjerk._core",
-         SOURCES / "_kernel.h", SOURCES / "_binding.c.in", binding],
+        [sys.executable, "-m", "cffi.gen_src", "read-sources", "sjerk._core", cdef, begin, binding],
         check=True,
-    )  # fmt: skip
+    )
     subprocess.run(
         [os.environ.get("CC", "cc"), *FLAGS, f"-I{SOURCES}", f"-I{sysconfig.get_path('include')}",
-         binding, *sorted(SOURCES.glob("_*.c")), "-lm", "-o", package / "_core.abi3.so"],
+         binding, *sorted(SOURCES.rglob("_*.c")), "-lm", "-o", package / "_core.abi3.so"],
         check=True,
     )  # fmt: skip
 

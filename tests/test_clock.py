@@ -10,7 +10,7 @@ import pytest
 
 from sjerk import Axis, Clock, InputError, Limits, MotionKernel
 from sjerk._binding import ffi, lib
-from sjerk.clock import Grant
+from sjerk.host.timing import Grant
 
 T = 1e-3
 AXIS = Axis(Limits(90.0, 500.0, 5000.0), counts_per_unit=2**24 / 360.0)

@@ -13,9 +13,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sjerk import Axis, InputError, Limits, MotionKernel, Recording, commands
+from sjerk import Axis, InputError, Limits, MotionKernel, Recording
 from sjerk.__main__ import main
-from sjerk.arguments import by_axis, duration, duration_or_inf
+from sjerk.cli import commands
+from sjerk.cli.arguments import by_axis, duration, duration_or_inf
 from sjerk.handshake import Layout, Segment
 
 LEAVE = (
@@ -182,7 +183,7 @@ def test_a_kernel_with_drives_outside_is_refused_in_a_line(tmp_path: Path) -> No
 @pytest.mark.parametrize("order", [b"", b"\x80\x05"])
 def test_a_kernel_process_without_its_order_ends_quietly(order: bytes) -> None:
     """Whoever started it was ended before, or while, it said what to run."""
-    program = [sys.executable, "-c", "from sjerk.kernel import serve; serve()"]
+    program = [sys.executable, "-c", "from sjerk.kernel.kernel import serve; serve()"]
     done = subprocess.run(program, input=order, capture_output=True, timeout=600)
     assert (done.returncode, done.stdout, done.stderr) == (0, b"", b"")
 

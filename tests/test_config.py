@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 
 from sjerk import Axis, Clock, DriveConfig, Limits, MotionKernel, Reactions
 from sjerk.__main__ import main
-from sjerk.config import load
 from sjerk.errors import ConfigError
+from sjerk.kernel.config import load
 
 GOOD = """
 name = "robot"

@@ -7,7 +7,7 @@ import shutil
 import pytest
 
 from sjerk import InputError, SjerkError
-from sjerk.cyclictest import LONGEST_US, Cyclictest, read
+from sjerk.cli.cyclictest import LONGEST_US, Cyclictest, read
 
 #: Written by cyclictest 2.40: -q -D 1 -i 1000 -p 80 -t 1 -m -h 30 --json=FILE
 WRITTEN = """{

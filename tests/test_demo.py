@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sjerk.demo import LIMITS, dips
-from sjerk.trajectory import Recording, RecordingError, read_recording, shipped_recording
+from sjerk.cli.demo import LIMITS, dips
+from sjerk.trajectory.trajectory import Recording, RecordingError, read_recording, shipped_recording
 
 CSV = shipped_recording().with_name("panda_joint1.csv")
 

@@ -16,9 +16,9 @@ from types import SimpleNamespace
 import pytest
 
 from sjerk.cia402 import TRANSITIONS, Drive, State
-from sjerk.device import Device
-from sjerk.objects import OBJECTS, Abort
-from sjerk.ports.canopen import Node
+from sjerk.drive.device import Device
+from sjerk.drive.objects import OBJECTS, Abort
+from sjerk.ports.canopen.node import Node
 
 FRAMES = int(os.environ.get("SJERK_FUZZ_FRAMES", "30000"))
 CYCLES = int(os.environ.get("SJERK_FUZZ_CYCLES", "300000"))
@@ -145,7 +145,7 @@ def test_random_words_under_the_sanitizers(tmp_path: Path) -> None:
             "-fno-sanitize-recover=all",
             *("-I", str(root / "src/sjerk"), "-o", str(program)),
             str(root / "tests/c/fuzz_drive.c"),
-            *(str(room) for room in sorted((root / "src/sjerk").glob("_*.c"))),
+            *(str(room) for room in sorted((root / "src/sjerk").rglob("_*.c"))),
             *("-lm", "-pthread"),
         ],
         capture_output=True,

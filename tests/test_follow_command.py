@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from sjerk import Trajectory
-from sjerk.trajectory import shipped_recording
+from sjerk.trajectory.trajectory import shipped_recording
 
 KERNEL = """
 [[axes]]

@@ -22,9 +22,9 @@ from following_check import (
     toppra_plan,
 )
 from sjerk import InputError, Limits, Trajectory, TrajectoryError
-from sjerk.following import follow, limits_per_cycle
-from sjerk.segments import Followed
-from sjerk.trajectory import shipped_recording
+from sjerk.trajectory.following import follow, limits_per_cycle
+from sjerk.trajectory.segments import Followed
+from sjerk.trajectory.trajectory import shipped_recording
 
 ROBOT = Limits(velocity=2.0, acceleration=4.0, jerk=500.0)
 

@@ -7,8 +7,8 @@ import pytest
 
 from following_check import PANDA, Array, T, dense, excess, recording, recording_keeps, toppra_plan
 from sjerk import InputError, Limits
-from sjerk.following import limits_per_cycle
-from sjerk.untimed import follow_path, follow_stops
+from sjerk.trajectory.following import limits_per_cycle
+from sjerk.trajectory.untimed import follow_path, follow_stops
 
 ROBOT = Limits(velocity=2.0, acceleration=4.0, jerk=500.0)
 

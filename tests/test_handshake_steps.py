@@ -20,7 +20,7 @@ pytestmark = pytest.mark.skipif(CC is None, reason="no C compiler")
 
 def build(folder: Path, mutate: tuple[str, str] | None = None) -> Path:
     """The search program around the (mutated) C."""
-    text = (SOURCES / "_handshake.c").read_text()
+    text = (SOURCES / "dpram" / "_handshake.c").read_text()
     if mutate:
         assert text.count(mutate[0]) == 1, f"the mutant no longer fits: {mutate[0]!r}"
         text = text.replace(*mutate)

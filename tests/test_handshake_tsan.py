@@ -41,7 +41,7 @@ def hammer(folder: Path, room: str) -> subprocess.CompletedProcess[str]:
 
 def test_there_is_no_data_race(tmp_path: Path) -> None:
     """No plain access beside a concurrent one, nothing torn, in any of the four exchanges."""
-    done = hammer(tmp_path, (SOURCES / "_handshake.c").read_text())
+    done = hammer(tmp_path, (SOURCES / "dpram" / "_handshake.c").read_text())
     assert "data race" not in done.stderr, done.stderr[:2000]
     assert done.returncode == 0, done.stdout + done.stderr[:2000]
     words = done.stdout.split()
@@ -53,7 +53,7 @@ def test_there_is_no_data_race(tmp_path: Path) -> None:
 
 def test_a_plain_store_is_found(tmp_path: Path) -> None:
     """With a payload copied by plain stores the sanitizer speaks: it is awake."""
-    text = (SOURCES / "_handshake.c").read_text()
+    text = (SOURCES / "dpram" / "_handshake.c").read_text()
     plain = re.sub(
         r"store\(&(\w+\[\w+\]), bytes_to_word\(",
         r"*(uint64_t *)(uintptr_t)&\1 = (bytes_to_word(",

@@ -32,7 +32,7 @@ from sjerk import (
 )
 from sjerk._binding import ffi, lib
 from sjerk.cia402 import ControlWord, State
-from sjerk.trace import Trace
+from sjerk.kernel.trace import Trace
 
 T = 1e-3
 LIMITS = Limits(90.0, 500.0, 5000.0, deceleration=300.0)

@@ -10,11 +10,11 @@ import canopen
 import pytest
 
 import sjerk.cia402
-import sjerk.device
-import sjerk.objects
+import sjerk.drive.device
+import sjerk.drive.objects
 from sjerk.cia402 import Drive, DriveConfig, Finding, Mode, State
-from sjerk.device import LOAD, SAVE, Device
-from sjerk.objects import DISABLED, OBJECTS, Abort, SdoError, Type, eds, entry
+from sjerk.drive.device import LOAD, SAVE, Device
+from sjerk.drive.objects import DISABLED, OBJECTS, Abort, SdoError, Type, eds, entry
 
 
 def refused(device: Device, index: int, sub: int, data: bytes) -> Abort:
@@ -25,7 +25,7 @@ def refused(device: Device, index: int, sub: int, data: bytes) -> Abort:
     return caught.value.abort
 
 
-@pytest.mark.parametrize("module", [sjerk.cia402, sjerk.objects, sjerk.device])
+@pytest.mark.parametrize("module", [sjerk.cia402, sjerk.drive.objects, sjerk.drive.device])
 def test_the_examples_in_the_docstrings_run(module: object) -> None:
     """Documentation that runs."""
     assert doctest.testmod(module, optionflags=doctest.IGNORE_EXCEPTION_DETAIL).failed == 0  # type: ignore[arg-type]

@@ -42,8 +42,8 @@ from sjerk import (
     Trajectory,
     follow,
 )
-from sjerk.joining import brake
-from sjerk.segments import Knot, split
+from sjerk.trajectory.joining import brake
+from sjerk.trajectory.segments import Knot, split
 
 PLAN = blocks_of()
 SAMPLES = recording(PLAN)[0]

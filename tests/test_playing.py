@@ -8,7 +8,7 @@ import pytest
 from following_check import Array, T
 from path_check import Bench, keeps
 from sjerk import InputError, Limits, StreamPlayer
-from sjerk.demo import dips
+from sjerk.cli.demo import dips
 
 LIMITS = [Limits(2.0, 4.0, 200.0)] * 2
 TIME = np.arange(0.0, 3.01, 0.1)

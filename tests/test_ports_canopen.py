@@ -15,8 +15,8 @@ import pytest
 
 from canopen_judge import DEMANDS, NODE, Bench
 from sjerk.cia402 import Drive
-from sjerk.device import Device
-from sjerk.ports.canopen import Node, sender
+from sjerk.drive.device import Device
+from sjerk.ports.canopen.node import Node, sender
 
 
 @pytest.fixture

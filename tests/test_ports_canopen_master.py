@@ -24,9 +24,9 @@ from sjerk import (
     MoveState,
     SjerkError,
 )
-from sjerk.device import Device
-from sjerk.ports.canopen import Node, sender
-from sjerk.ports.canopen_master import MASTER, Master, SdoClient
+from sjerk.drive.device import Device
+from sjerk.ports.canopen.master import MASTER, Master, SdoClient
+from sjerk.ports.canopen.node import Node, sender
 
 T = 5e-3
 COUNTS = 2**24 / 360.0

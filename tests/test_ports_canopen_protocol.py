@@ -14,10 +14,10 @@ import pytest
 
 from sjerk.__main__ import main
 from sjerk.cia402 import Drive, State
-from sjerk.device import Device
-from sjerk.objects import DISABLED, Abort
+from sjerk.drive.device import Device
+from sjerk.drive.objects import DISABLED, Abort
 from sjerk.ports import canopen as port
-from sjerk.ports.canopen import Node, SdoServer
+from sjerk.ports.canopen.node import Node, SdoServer
 
 NODE = 5
 

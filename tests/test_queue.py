@@ -40,8 +40,8 @@ from sjerk import (
     State,
 )
 from sjerk._binding import ffi, lib
-from sjerk.host import Buffer
-from sjerk.monitor import Monitor
+from sjerk.host.host import Buffer
+from sjerk.host.monitor import Monitor
 
 # ---- one by one ----------------------------------------------------------------------------------
 

@@ -31,11 +31,11 @@ from sjerk import (
     follow_path,
     replay,
     simulate,
-    storage,
 )
 from sjerk._binding import ffi, lib
 from sjerk.handshake import Layout, Segment
-from sjerk.trace import Trace, command_dtype, event_dtype, row_dtype
+from sjerk.kernel.trace import Trace, command_dtype, event_dtype, row_dtype
+from sjerk.recording import files
 
 T = 1e-3
 COUNTS = 2**24 / 360.0
@@ -72,7 +72,7 @@ def test_a_file_gives_every_bit_back(
     doubles[0, :2] = 0.0, -0.0
     cycle = np.arange(5, 5 + n, dtype=np.uint64)
     told = np.sort(data.draw(st.lists(st.sampled_from(cycle.tolist()), max_size=9)))
-    tables: storage.Tables = {
+    tables: files.Tables = {
         "frames": {
             "cycle": cycle,
             "time_ns": cycle * 1000,
@@ -84,10 +84,10 @@ def test_a_file_gives_every_bit_back(
             "data": np.array([bytes([i] * 5) for i in range(len(told))], dtype="V5"),
         },
     }
-    file = storage.writer(path, "what it is: ü")
+    file = files.writer(path, "what it is: ü")
     file.write(tables)
     file.close()
-    back = storage.reader(path)
+    back = files.reader(path)
     assert back.description == "what it is: ü"
     (found,) = list(back.tables())
     for name, table in tables.items():
@@ -256,7 +256,7 @@ def test_a_process_with_a_real_host_replays_bit_for_bit(tmp_path: Path, suffix: 
     """From the first cycle to the halt at the end; commands when they come, at 250 us."""
     path = tmp_path / f"a.{suffix}"
     kernel = MotionKernel([AXIS] * 7, 250e-6)
-    storage.ready(path)
+    files.ready(path)
     recorder = None
     with kernel:
         recorder = Recorder(kernel, path).__enter__()
@@ -293,7 +293,7 @@ def test_a_killed_host_is_in_the_recording_and_is_replayed(tmp_path: Path) -> No
         os.kill(os.getpid(), signal.SIGKILL)
     """
     path = tmp_path / "a.parquet"
-    storage.ready(path)
+    files.ready(path)
     with MotionKernel([AXIS] * 2, T) as kernel, Recorder(kernel, path):
         host = [sys.executable, "-c", textwrap.dedent(code), kernel.name]
         assert subprocess.run(host, timeout=600).returncode == -signal.SIGKILL

@@ -243,7 +243,7 @@ def test_a_stale_segment_of_the_same_name_is_replaced() -> None:
     """A kernel and its owner that were both killed do not block their name."""
     name = f"stale-{time.monotonic_ns()}"
     program = (
-        "import os, sys; from sjerk.handshake import *; from sjerk.monitor import layout; "
+        "import os, sys; from sjerk.handshake import *; from sjerk.host.monitor import layout; "
         f"s = Segment.create({name!r}, layout(1)); os._exit(0)"
     )
     subprocess.run([sys.executable, "-c", program], check=True)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from loops import enabled
 from sjerk import Axis, DriveConfig, Limits
 from sjerk._binding import ffi, lib
-from sjerk.kernel import _copy
+from sjerk.kernel.kernel import _copy
 
 AXES = 3
 LIMITS = Limits(90.0, 500.0, 5000.0)

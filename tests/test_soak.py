@@ -23,7 +23,7 @@ from sjerk import (
     simulate,
 )
 from sjerk._binding import ffi, lib
-from sjerk.trace import command_dtype
+from sjerk.kernel.trace import command_dtype
 
 STRESS = Path(__file__).parent / "stress"
 sys.path.insert(0, str(STRESS))

@@ -7,7 +7,7 @@ import itertools
 import pytest
 
 from sjerk._binding import lib
-from sjerk.states import NEXT, AxisState, Trigger
+from sjerk.cycle.states import NEXT, AxisState, Trigger
 
 
 @pytest.mark.parametrize("state", list(AxisState))

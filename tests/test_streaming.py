@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 
 from following_check import PANDA, Array, T, recording_keeps, toppra_plan
 from sjerk import GoalStream, InputError, Limits, Trajectory, plan_velocity
-from sjerk.demo import dips
-from sjerk.joining import brake
-from sjerk.segments import Followed, Knot
-from sjerk.trajectory import shipped_recording
+from sjerk.cli.demo import dips
+from sjerk.trajectory.joining import brake
+from sjerk.trajectory.segments import Followed, Knot
+from sjerk.trajectory.trajectory import shipped_recording
 
 ROBOT = Limits(velocity=2.0, acceleration=4.0, jerk=500.0)
 

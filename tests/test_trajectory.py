@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sjerk import InputError, Limits
-from sjerk.trajectory import (
+from sjerk.trajectory.trajectory import (
     ExecutionMode,
     FaultKind,
     RecordingError,

@@ -24,12 +24,12 @@ from sjerk import (
     MoveState,
     Reactions,
     SjerkError,
-    storage,
 )
 from sjerk._binding import lib
-from sjerk.monitor import Monitor
-from sjerk.recording import Recorder, Recording
-from sjerk.simulation import replay
+from sjerk.host.monitor import Monitor
+from sjerk.recording import files
+from sjerk.recording.recording import Recorder, Recording
+from sjerk.recording.replay import replay
 
 T = 1e-3
 COUNTS = 2**24 / 360.0
@@ -107,7 +107,7 @@ def test_a_stale_image_is_a_lost_axis_and_the_others_stop_along_their_ramp() -> 
 def test_a_lost_axis_is_in_the_recording_and_comes_out_again(tmp_path: Path) -> None:
     """Staleness is an input of the cycle as the image is: the replay is the same bit for bit."""
     path = tmp_path / "lost.parquet"
-    storage.ready(path)
+    files.ready(path)
     loop = Loop(2, path)
     assert loop.recorder is not None
     loop.host.move([60.0, 50.0])

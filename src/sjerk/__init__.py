@@ -1,7 +1,7 @@
 """sjerk: a motion kernel. Jerk-limited s-curves in whole control cycles, exact to the last bit."""
 
 from sjerk.cia402 import Drive, DriveConfig
-from sjerk.clock import Clock, ClockReport, Grant
+from sjerk.cycle.states import AxisState
 from sjerk.errors import (
     InfeasibleError,
     InputError,
@@ -13,33 +13,40 @@ from sjerk.errors import (
     SjerkError,
     SupersededError,
 )
-from sjerk.executor import GoalHandle, TrajectoryExecutor
-from sjerk.feedback import (
+from sjerk.executor.executor import GoalHandle, TrajectoryExecutor
+from sjerk.executor.goal import GoalFeedback, GoalStatus, ResultCode, Settings, Tolerance
+from sjerk.executor.playing import StreamPlayer
+from sjerk.host.feedback import (
     AxisFeedback,
     Event,
     EventKind,
     Feedback,
     PathFeedback,
     PathState,
-    Timing,
 )
-from sjerk.following import follow
-from sjerk.goals import GoalFeedback, GoalStatus, ResultCode, Settings, Tolerance
-from sjerk.host import Host
-from sjerk.kernel import Axis, Image, MotionKernel, Reactions
-from sjerk.move import Move, MoveState
-from sjerk.path import Path, Progress
-from sjerk.planning import Motion, Plans, plan, plan_many, plan_velocity
-from sjerk.playing import StreamPlayer
+from sjerk.host.host import Host
+from sjerk.host.move import Move, MoveState
+from sjerk.host.path import Path, Progress
+from sjerk.host.timing import ClockReport, Grant, Timing
+from sjerk.kernel.clock import Clock
+from sjerk.kernel.kernel import Axis, Image, MotionKernel, Reactions
+from sjerk.planner.planning import Motion, Plans, plan, plan_many, plan_velocity
 from sjerk.profile import Extrema, Limits, Phase, Profile, Range, Samples, State, scurve
-from sjerk.recording import Gap, Recorder, Recording
-from sjerk.segments import Followed, Segment
-from sjerk.simulation import Difference, Replay, replay, simulate
-from sjerk.states import AxisState
-from sjerk.streaming import GoalStream, StreamReport
-from sjerk.thinning import Thinned, follow_within
-from sjerk.trajectory import ExecutionMode, Fault, FaultKind, Trajectory, TrajectoryError, resample
-from sjerk.untimed import follow_path, follow_stops
+from sjerk.recording.recording import Gap, Recorder, Recording
+from sjerk.recording.replay import Difference, Replay, replay, simulate
+from sjerk.trajectory.following import follow
+from sjerk.trajectory.segments import Followed, Segment
+from sjerk.trajectory.streaming import GoalStream, StreamReport
+from sjerk.trajectory.thinning import Thinned, follow_within
+from sjerk.trajectory.trajectory import (
+    ExecutionMode,
+    Fault,
+    FaultKind,
+    Trajectory,
+    TrajectoryError,
+    resample,
+)
+from sjerk.trajectory.untimed import follow_path, follow_stops
 
 __all__ = [
     "Axis",

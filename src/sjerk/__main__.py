@@ -11,7 +11,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from sjerk import commands, demo, record_commands, trajectory_commands
+from sjerk.cli import commands, demo, follow, record
 from sjerk.errors import (
     KernelGoneError,
     MotionStoppedError,
@@ -20,8 +20,8 @@ from sjerk.errors import (
     SjerkError,
 )
 from sjerk.handshake import clean
-from sjerk.ports import canopen
-from sjerk.trajectory import shipped_recording
+from sjerk.ports.canopen import node
+from sjerk.trajectory.trajectory import shipped_recording
 
 _EPILOG = (__doc__ or "").partition("\n\n")[2]
 
@@ -45,14 +45,14 @@ def arguments() -> argparse.ArgumentParser:
         run=lambda o: demo.run(o.path, o.out, o.cycle_us / 1e6, o.joint),
     )
     commands.add_arguments(jobs)
-    record_commands.add_arguments(jobs)
-    trajectory_commands.add_arguments(jobs)
+    record.add_arguments(jobs)
+    follow.add_arguments(jobs)
     job = jobs.add_parser("clean", help="remove the segments of kernels that are dead")
     job.add_argument("--dry-run", action="store_true", help="list, remove nothing")
     job.set_defaults(run=_clean)
     job = jobs.add_parser("drive", help="be a simulated CiA 402 drive on a CANopen bus")
-    canopen.add_arguments(job)
-    job.set_defaults(run=canopen.run)
+    node.add_arguments(job)
+    job.set_defaults(run=node.run)
     return parser
 
 

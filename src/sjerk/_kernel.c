@@ -10,9 +10,9 @@
 #include <stdint.h>
 #include <string.h> /* memset of an interpolator */
 #include "_kernel.h"
-#include "_exact.h" /* double-double sums */
-#include "_lemma.h" /* from samples to the continuous motion and back */
-#include "_wide.h"  /* several phases, several cycles at once */
+#include "base/_double_double.h" /* double-double sums */
+#include "base/_continuous.h" /* from samples to the continuous motion and back */
+#include "base/_simd.h"  /* several phases, several cycles at once */
 
 /* ---- Eqs. (15)-(17) -------------------------------------------------------------------------- */
 

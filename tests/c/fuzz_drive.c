@@ -8,7 +8,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include "_kernel.h"
+#include "drive/_drive.h"
 
 static uint64_t random_state;
 

@@ -63,7 +63,7 @@ def build(folder: Path) -> None:
     compiler = shutil.which("cc") or shutil.which("gcc")
     if compiler is None:
         raise SystemExit("stress: a C compiler is needed (on Debian: apt install gcc libc6-dev)")
-    files = [str(HERE / "handshake_peer.c"), str(SOURCES / "_handshake.c")]
+    files = [str(HERE / "handshake_peer.c"), str(SOURCES / "dpram" / "_handshake.c")]
     flags = ["-std=c11", "-O2", "-ffp-contract=off", "-shared", "-fPIC", "-pthread", f"-I{SOURCES}"]
     subprocess.run([compiler, *flags, *files, "-o", str(folder / "peer.so")], check=True)
 

@@ -12,7 +12,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <time.h>
-#include "_kernel.h"
+#include "dpram/_dpram.h"
 
 enum { WORDS = 64, RECORD = 8 };        /* a command: 16 axes of four doubles; a record: one line */
 

@@ -27,14 +27,15 @@ from typing import Any
 from kernel_check import Verdict, check
 from kernel_host import play
 
-from sjerk import Axis, DriveConfig, Limits, MotionKernel, Recorder, Recording, replay, storage
+from sjerk import Axis, DriveConfig, Limits, MotionKernel, Recorder, Recording, replay
 from sjerk._binding import lib
+from sjerk.recording import files
 
 COUNTS = 2**24 / 360.0
 AXES = 16
 MEMORY_KB = 512  # what the kernel's own memory may grow by after its begin
 # Imported once by the server that forks the others, so that a restart costs a fork.
-PRELOAD = ["sjerk", "kernel_host", "kernel_check", "sjerk.storage"]
+PRELOAD = ["sjerk", "kernel_host", "kernel_check", "sjerk.recording.files"]
 
 
 def axes() -> list[Axis]:
@@ -127,7 +128,7 @@ class Soak:
         path, log = self.folder / f"{self.rounds}.parquet", self.folder / f"{self.rounds}.log"
         end = self.random.choice(["in order", "SIGTERM", "SIGKILL"])
         self.ends[end] += 1
-        storage.ready(path)
+        files.ready(path)
         kernel = MotionKernel(axes(), 1e-3, name=name)
         with contextlib.ExitStack() as recorded, kernel:
             recorder = recorded.enter_context(Recorder(name, path))

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from sjerk import EventKind, Recording
 from sjerk._binding import lib
-from sjerk.trace import command_dtype, record_dtype
+from sjerk.kernel.trace import command_dtype, record_dtype
 
 SLACK = 1e-9  # relative, of a limit: what rounding may add
 SHOWN = 5  # findings of a kind that are told in full

@@ -1,0 +1,169 @@
+"""The command of a person who has a trajectory: follow.
+
+Never here: motion, layouts.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import threading
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sjerk.cli.arguments import duration
+from sjerk.cli.commands import host_of, show
+from sjerk.errors import InputError
+from sjerk.executor.executor import GoalHandle, TrajectoryExecutor
+from sjerk.executor.goal import GoalFeedback, GoalStatus, ResultCode, Settings
+from sjerk.host.host import Host
+from sjerk.kernel.config import load
+from sjerk.trajectory.trajectory import ExecutionMode, Trajectory
+
+_REFUSED, _STOPPED, _LATE = 3, 4, 5
+
+
+def add_arguments(jobs: Any) -> None:
+    """Add follow."""
+    job = jobs.add_parser("follow", help="play a trajectory on a kernel; returns at its end")
+    job.add_argument("path", type=Path, help="CSV (time, joint, ...) or ROS 2 bag (radians)")
+    where = job.add_mutually_exclusive_group()
+    where.add_argument("--name", help="of the kernel; default: the only one that runs")
+    where.add_argument("--kernel", type=Path, help="run the kernel of this TOML file meanwhile")
+    modes = [mode.value for mode in ExecutionMode]
+    job.add_argument("--mode", choices=modes, default="full_trajectory")
+    job.add_argument("--delta", type=float, default=0.0, help="resample, axis units")
+    job.add_argument("--tolerance", type=float, default=0.0, help="of dense points, axis units")
+    job.add_argument("--scale", type=float, default=1.0, help="of the speed, up to 2")
+    job.add_argument("--joints", nargs="+", help="names of the axes; default: the file's, in order")
+    job.add_argument("--timeout", type=duration, help="seconds; then it stops")
+    job.add_argument("--json", action="store_true", help="one JSON object per line")
+    job.set_defaults(run=_follow)
+
+
+def _follow(options: argparse.Namespace) -> int:
+    if options.scale == 0.0:  # of a running goal it is a pause, at the start it never ends
+        raise InputError("scale", options.scale, "must be greater than 0, up to 2")
+    settings = Settings(
+        execution_mode=options.mode,
+        resampling_delta=options.delta,
+        tolerance=options.tolerance,
+        speed=options.scale,
+        allow_partial_joints=True,
+        allow_end_velocity=True,
+    )
+    way = _read(options.path)
+    with ExitStack() as open_:
+        if options.kernel is not None:
+            host = open_.enter_context(open_.enter_context(load(options.kernel)).host())
+            host.enable()
+        else:
+            host = open_.enter_context(host_of(options))
+        names, way = _fit(host, way, options)
+        executor = open_.enter_context(
+            TrajectoryExecutor(
+                host, names, settings=settings, on_feedback=_Progress(options, len(way)).tell
+            )
+        )
+        goal = executor.submit(way)
+        try:
+            goal.result(options.timeout)
+        except TimeoutError:
+            _stop(host, goal)
+            raise
+        except KeyboardInterrupt:
+            _stop(host, goal)
+            raise
+        finally:
+            _result(options, host, goal)
+    if goal.status is GoalStatus.SUCCEEDED:
+        return 0
+    return _REFUSED if goal.status is GoalStatus.REJECTED else _STOPPED
+
+
+def _read(path: Path) -> Trajectory:
+    return (Trajectory.from_csv if path.suffix.lower() == ".csv" else Trajectory.from_bag)(path)
+
+
+def _fit(host: Host, way: Trajectory, options: argparse.Namespace) -> tuple[list[str], Trajectory]:
+    """Names of the kernel's axes, and the trajectory in their units; bags are in radians."""
+    axes = host.feedback().axes
+    names = list(options.joints or way.joint_names)
+    if len(names) > len(axes):
+        raise InputError("joints", names, f"the kernel has {len(axes)} axes: --joints picks some")
+    for name in names:
+        if name not in way.joint_names:
+            raise InputError("joints", name, f"the file has {', '.join(way.joint_names)}")
+        if names.count(name) > 1:
+            raise InputError("joints", name, "is named twice")
+    present = names.copy()
+    columns = [way.joint_names.index(name) for name in present]
+    bag = options.path.suffix.lower() != ".csv"
+    scale = np.array(
+        [180.0 / np.pi if bag and axes[names.index(n)].unit == "deg" else 1.0 for n in present]
+    )
+    rows = [
+        None if rows is None else rows[:, columns] * scale
+        for rows in (way.position, way.velocity, way.acceleration)
+    ]
+    assert rows[0] is not None
+    names += [f"axis {i}" for i in range(len(names), len(axes))]
+    return names, Trajectory(present, way.time, rows[0], rows[1], rows[2])
+
+
+def _stop(host: Host, goal: GoalHandle) -> None:
+    goal.cancel()
+    host.halt()
+
+
+class _Progress:
+    """How far it is: JSON lines, or one line that is written over."""
+
+    def __init__(self, options: argparse.Namespace, points: int) -> None:
+        self._options, self._points = options, points
+        self._lock = threading.Lock()
+
+    def tell(self, goal: GoalHandle, told: GoalFeedback) -> None:
+        """One line of feedback."""
+        worst = float(np.abs(told.error).max())
+        point = told.point + 1  # of the trajectory, counted as a person does
+        with self._lock:
+            if self._options.json:
+                show(
+                    self._options,
+                    {
+                        "point": point,
+                        "points": self._points,
+                        "desired": told.desired.tolist(),
+                        "actual": told.actual.tolist(),
+                        "error": worst,
+                        "speed": told.speed,
+                    },
+                )
+                return
+            line = f"\rway-point {point} of {self._points}, speed {told.speed:.0%}"
+            print(f"{line}, error {worst:.6f} ", end="", file=sys.stderr, flush=True)
+
+
+def _result(options: argparse.Namespace, host: Host, goal: GoalHandle) -> None:
+    if not options.json:
+        print(file=sys.stderr)
+    joints = goal.trajectory.joint_names
+    axes = host.feedback().axes[: len(joints)]
+    show(
+        options,
+        {
+            "status": goal.status.value,
+            "code": int(goal.code),
+            "result": ResultCode(goal.code).name,
+            "text": goal.text,
+            "stretch_s": round(goal.stretch, 6),
+            "positions": [
+                {"axis": i, "position": round(axis.position, 9), "unit": axis.unit}
+                for i, axis in enumerate(axes)
+            ],
+        },
+    )

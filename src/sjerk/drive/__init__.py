@@ -1,0 +1,1 @@
+"""A CiA 402 servo drive as a device with objects."""

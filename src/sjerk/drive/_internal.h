@@ -1,0 +1,98 @@
+/* What the rooms of the drive share and nobody else needs; the contract is _kernel.h. */
+#pragma once
+
+#include <stddef.h> /* required by the contract */
+#include <stdint.h> /* the contract's integer types */
+#include "drive/_drive.h"
+
+#define SJ_TWO_PI 6.283185307179586476925286766559
+#define SJ_RPM (SJ_TWO_PI / 60.0)       /* rad/s */
+#define SJ_OVER_SPEED 1.2               /* of the maximum motor speed: trips */
+#define SJ_SPEED_CLAMP 1.1              /* the velocity command is held within */
+#define SJ_STANDSTILL 1e-3              /* of the maximum motor speed: stands */
+
+enum { SJ_POLARITY_POSITION = 0x80, SJ_POLARITY_VELOCITY = 0x40, SJ_POLARITY_TORQUE = 0x20 };
+enum { SJ_FAULT_RAMPS = 0, SJ_FAULT_COASTS = 1 };       /* whether the motor can be controlled */
+enum { SJ_POSITION_GOAL = 1, SJ_VELOCITY_GOAL = 2 };    /* sj_drive.goal_set */
+
+typedef struct {
+    uint16_t code;                      /* 603Fh and the first two bytes of an emergency */
+    uint8_t error_register;             /* 1001h */
+    uint8_t reaction;                   /* SJ_FAULT_RAMPS or SJ_FAULT_COASTS */
+} sj_drive_fault_row;
+
+const sj_drive_fault_row *sj_drive_fault(int32_t fault);
+
+/* pu = increments * *units / *increments, reduced; 0 when a term exceeds 2^30. */
+int32_t sj_drive_ratio(const sj_drive_config *config, int64_t *units, int64_t *increments);
+
+/* positions (_drive_units.c) */
+int64_t sj_point_wrap(const sj_drive *drive, int64_t units);
+int64_t sj_point_difference(const sj_drive *drive, int64_t to, int64_t from);
+void sj_point_move_increments(const sj_drive *drive, sj_drive_point *point, int64_t way);
+int64_t sj_point_move_units(const sj_drive *drive, sj_drive_point *point, int64_t way);
+void sj_point_set(const sj_drive *drive, sj_drive_point *point, int64_t increments, int64_t units);
+void sj_point_set_home(sj_drive *drive, int64_t increments);   /* these become 607Ch */
+
+/* motions (_drive_motion.c); those that follow return a fault or SJ_FAULT_NONE where they can */
+void sj_motion_adopt_actual(sj_drive *drive);
+void sj_motion_power_off(sj_drive *drive, sj_servo_command *command);
+void sj_motion_ramp(sj_drive *drive, sj_servo_command *command, double advance, double velocity);
+void sj_motion_ramp_to(sj_drive *drive, sj_servo_command *command, double goal,
+                       double acceleration);
+void sj_motion_stop(sj_drive *drive, sj_servo_command *command, int32_t option);
+int64_t sj_motion_software_limited(sj_drive *drive, int64_t target);
+int32_t sj_motion_follow_position(sj_drive *drive, const sj_drive_rx *rx,
+                                  sj_servo_command *command);
+void sj_motion_follow_velocity(sj_drive *drive, const sj_drive_rx *rx, sj_servo_command *command);
+void sj_motion_follow_torque(sj_drive *drive, const sj_drive_rx *rx, sj_servo_command *command);
+uint32_t sj_drive_digital_inputs(const sj_drive *drive);       /* 60FDh */
+
+/* profiles (_drive_profile.c) */
+void sj_profile_drop(sj_drive *drive);
+void sj_profile_position(sj_drive *drive, const sj_drive_rx *rx, sj_servo_command *command);
+void sj_profile_velocity(sj_drive *drive, const sj_drive_rx *rx, sj_servo_command *command);
+uint16_t sj_profile_bits(sj_drive *drive);                      /* statusword bits 10, 12, 13 */
+
+/* homing (_homing.c) */
+void sj_homing_period(sj_drive *drive, sj_servo_command *command);
+uint16_t sj_homing_bits(const sj_drive *drive);                 /* statusword bits 10, 12, 13 */
+
+/* the verdict (_stream.c) */
+void sj_verdict_pause(sj_drive_verdict *verdict);               /* the stream is interrupted */
+void sj_verdict_judge(sj_drive *drive, int64_t step);           /* one target followed, pu */
+
+/* the motor (_servo.c) */
+void sj_servo_prepare(sj_servo_constants *constants, const sj_drive_config *config);
+void sj_servo_period(sj_servo *servo, const sj_servo_constants *constants,
+                     const sj_servo_command *command);
+enum { SJ_MOTORS = 8 };                                         /* at once */
+/* One period of as many servos, SJ_MOTORS at most. */
+void sj_servo_periods(int32_t count, sj_drive *const *drives, const sj_servo_command *commands);
+
+static inline int has_cause(const sj_drive *drive, int32_t fault)
+{
+    return (drive->causes >> fault & 1u) != 0;
+}
+
+/* Increments per period from rad/s of the motor, and back. */
+static inline double per_period(const sj_drive *drive)
+{
+    return drive->constants.increments_per_rad * drive->config.period_s;
+}
+
+/* Polarity between the words and the motor. */
+static inline int64_t turned(const sj_drive *drive, int64_t value, uint32_t bit)
+{
+    return drive->config.polarity & bit ? -value : value;
+}
+
+static inline int64_t add_wrapping(int64_t a, int64_t b)
+{
+    return (int64_t)((uint64_t)a + (uint64_t)b);
+}
+
+static inline int64_t subtract_wrapping(int64_t a, int64_t b)
+{
+    return (int64_t)((uint64_t)a - (uint64_t)b);
+}

@@ -1,0 +1,434 @@
+"""A drive behind its object dictionary: SDO access with abort codes, PDO mapping, one SYNC period.
+
+What CANopen and CoE have in common and no wire knows: `Device.upload` and `Device.download` are the
+two SDO services, `Device.receive` and `Device.transmit` pack process data by the mapping objects
+1600h.. and 1A00h.., `Device.cycle` runs the drive with the words the dictionary holds.
+
+Never here: frames, identifiers on a bus, clocks.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Callable
+
+from sjerk.cia402 import Drive, DriveConfig, DriveConfigError, Feedback, Finding, Mode, State
+from sjerk.drive.objects import (
+    DISABLED,
+    DUMMIES,
+    MAPPED,
+    OBJECTS,
+    PDOS,
+    Abort,
+    Entry,
+    SdoError,
+    default,
+    eds,
+    entry,
+)
+
+Value = int | float | str
+SAVE, LOAD = 0x65766173, 0x64616F6C
+"""Signatures of 1010h:1 and 1011h:1."""
+
+_ENABLED = (
+    State.OPERATION_ENABLED,
+    State.QUICK_STOP_ACTIVE,
+    State.FAULT_REACTION_ACTIVE,
+)
+_OF_THE_MOTOR = (0x6073, 0x6075, 0x6076, 0x6080, 0x60C2)
+_RESERVED_IDS = (
+    range(0x080),
+    range(0x101, 0x181),
+    range(0x581, 0x600),
+    range(0x601, 0x680),
+    range(0x701, 0x800),
+)
+
+
+class Device:
+    r"""One drive, its object dictionary and its PDO mapping.
+
+    >>> device = Device()
+    >>> device.download(0x6040, 0, bytes([0x06, 0x00]))
+    >>> device.cycle().state.name
+    'READY_TO_SWITCH_ON'
+    >>> device.upload(0x605A, 0)
+    b'\x02\x00'
+    """
+
+    def __init__(self, drive: Drive | None = None, *, node_id: int = 1) -> None:
+        """Power the drive up; `node_id` makes the default identifiers of the PDOs."""
+        self.drive = drive or Drive()
+        self.node_id = node_id
+        self._factory = self.drive.config
+        self._stored: tuple[dict[tuple[int, int], Value], DriveConfig] | None = None
+        self._getters: dict[tuple[int, int], Callable[[], Value]] = {}
+        self._setters: dict[tuple[int, int], Callable[[Entry, int], None]] = {}
+        self._values: dict[tuple[int, int], Value] = {}
+        self._plans: dict[tuple[int, bool], tuple[list[Entry | int], struct.Struct]] = {}
+        self._errors: list[int] = []
+        self._rx: dict[str, int] = {}
+        self._target_written = False
+        self.feedback: Feedback
+        """Of the last period."""
+        self._bind()
+        self._power_up()
+
+    # ---- SDO ----
+
+    def upload(self, index: int, sub: int) -> bytes:
+        """The bytes of an object; `SdoError` with the abort code."""
+        row = entry(index, sub)
+        return row.type.pack(self.read(index, sub))
+
+    def download(self, index: int, sub: int, data: bytes) -> None:
+        """Write an object from bytes; `SdoError` with the abort code."""
+        row = entry(index, sub)
+        if row.access == "ro":
+            raise SdoError(Abort.READ_ONLY, index, sub)
+        if len(data) != row.type.size:
+            too_long = len(data) > row.type.size
+            raise SdoError(Abort.TOO_LONG if too_long else Abort.TOO_SHORT, index, sub)
+        value = row.type.unpack(data)
+        assert not isinstance(value, str), "every string is read-only"
+        self.write(index, sub, value)
+
+    def read(self, index: int, sub: int = 0) -> Value:
+        """The value of an object."""
+        row = entry(index, sub)
+        place, _, name = row.source.partition(".")
+        match place:
+            case "tx":
+                return int(getattr(self.feedback, name))
+            case "rx":
+                return self._rx[name]
+            case "config":
+                value: int | float = getattr(self.drive.config, name)
+                return int(value) if row.type.limits else value
+            case "report":
+                number: int | float = getattr(self.drive.report(), name)
+                return min(number, 0xFFFFFFFF) if row.type.limits else number
+            case "finding":
+                return self.drive.report().findings.get(Finding[name], 0)
+        getter = self._getters.get((index, sub))
+        return getter() if getter else self._values[index, sub]
+
+    def write(self, index: int, sub: int, value: int | float) -> None:
+        """Give an object a value that its type can hold; refusals as in `download`."""
+        row = entry(index, sub)
+        if row.access == "ro":
+            raise SdoError(Abort.READ_ONLY, index, sub)
+        if row.access == "idle" and self.feedback.state in _ENABLED:
+            raise SdoError(Abort.DEVICE_STATE, index, sub)
+        place, _, name = row.source.partition(".")
+        if place == "rx":
+            self._rx[name] = int(value)
+        elif place == "config":
+            self._configure(row, name, value)
+        elif (index, sub) in self._setters:
+            self._setters[index, sub](row, int(value))
+        else:
+            self._values[index, sub] = value
+
+    def _configure(self, row: Entry, field: str, value: int | float) -> None:
+        if getattr(self.drive.config, field) == value:
+            return
+        try:
+            self.drive.configure(**{field: value})
+        except DriveConfigError as error:
+            abort = Abort.RANGE
+            if row.index in (0x607B, 0x607D):
+                abort = Abort.MAX_BELOW_MIN
+            elif not error.field.endswith(("_option", "_method")) and error.field == field:
+                abort = Abort.TOO_HIGH if value > error.high else abort
+                abort = Abort.TOO_LOW if value < error.low else abort
+            raise SdoError(abort, row.index, row.sub) from error
+
+    def data_sheet(self, file_name: str = "sjerk.eds") -> str:
+        """The electronic data sheet with this drive's settings as defaults."""
+        values = {
+            (row.index, row.sub): self.read(row.index, row.sub)
+            for thing in OBJECTS.values()
+            for row in thing.entries
+            if row.source.startswith("config.") or row.index in _OF_THE_MOTOR
+        }
+        return eds(node_id=self.node_id, file_name=file_name, values=values)
+
+    # ---- process data ----
+
+    def communication(self, number: int, *, receive: bool) -> tuple[int, int]:
+        """Identifier with its flag bits and transmission type of a PDO."""
+        index = (0x1400 if receive else 0x1800) + number
+        return int(self._values[index, 1]), int(self._values[index, 2])
+
+    def mapping(self, number: int, *, receive: bool) -> list[Entry | int]:
+        """What a PDO carries: rows, and plain numbers of bits to skip."""
+        return self._plan(number, receive)[0]
+
+    def receive(self, number: int, data: bytes) -> None:
+        """Take a receive PDO: each mapped object gets its value, refused ones keep theirs.
+
+        Raises `SdoError` (`PDO_LENGTH`) when the data are shorter than the mapping.
+        """
+        rows, layout = self._plan(number, True)
+        if len(data) < layout.size:
+            raise SdoError(Abort.PDO_LENGTH, 0x1600 + number, 0)
+        mapped = [row for row in rows if isinstance(row, Entry)]
+        for row, value in zip(mapped, layout.unpack_from(data), strict=True):
+            try:
+                self.write(row.index, row.sub, value)
+            except SdoError:
+                continue
+
+    def transmit(self, number: int) -> bytes:
+        """The bytes of a transmit PDO."""
+        rows, layout = self._plan(number, False)
+        return layout.pack(*(self.read(r.index, r.sub) for r in rows if isinstance(r, Entry)))
+
+    def length(self, number: int, *, receive: bool) -> int:
+        """Bytes of a PDO."""
+        return self._plan(number, receive)[1].size
+
+    def cycle(self, *, sync_missed: bool = False) -> Feedback:
+        """One SYNC period with the words of the dictionary.
+
+        A target that nobody has written since the drive was last enabled is the actual position.
+        """
+        if self.feedback.state is not State.OPERATION_ENABLED and not self._target_written:
+            self._rx["target_position"] = self.feedback.position_actual
+        before = self.feedback
+        self.feedback = self.drive.cycle(**self._rx, sync_missed=sync_missed)
+        if before.state is State.OPERATION_ENABLED is not self.feedback.state:
+            self._target_written = False
+        if self.feedback.error_code not in (0, before.error_code):
+            self._errors = [self.feedback.error_code, *self._errors][:8]
+        return self.feedback
+
+    def reset(self, *, communication_only: bool = False) -> None:
+        """Power-on values (stored ones, if any): of everything, or of 1000h to 1FFFh."""
+        if not communication_only:
+            self._power_up()
+            return
+        self._values.update(
+            {place: value for place, value in self._power_on().items() if place[0] < 0x2000}
+        )
+        self._plans.clear()
+
+    # ---- inside ----
+
+    def _power_on(self) -> dict[tuple[int, int], Value]:
+        if self._stored:
+            return dict(self._stored[0])
+        return {
+            (row.index, row.sub): default(row, self.node_id)
+            for thing in OBJECTS.values()
+            for row in thing.entries
+        }
+
+    def _power_up(self) -> None:
+        self._values = self._power_on()
+        self._plans = {}
+        self._errors = []
+        self._target_written = False
+        self._rx = dict.fromkeys(
+            (
+                "controlword",
+                "mode",
+                "target_position",
+                "position_offset",
+                "velocity_offset",
+                "target_velocity",
+                "target_torque",
+                "torque_offset",
+                "digital_outputs",
+                "output_mask",
+            ),
+            0,
+        )
+        config = self._stored[1] if self._stored else self._factory
+        self.drive.restart(config)
+        if not self._stored:
+            self._values[0x60C2, 1], self._values[0x60C2, 2] = _interval(self.drive.config.period_s)
+        self.feedback = self.drive.cycle(0, mode=Mode.NONE)
+
+    def _bind(self) -> None:
+        get, put = self._getters, self._setters
+        for sub in range(9):
+            get[0x1003, sub] = lambda sub=sub: (  # type: ignore[misc]
+                len(self._errors) if sub == 0 else (self._errors + [0] * 8)[sub - 1]
+            )
+        put[0x1003, 0] = self._clear_errors
+        put[0x1005, 0] = put[0x1014, 0] = self._set_identifier
+        put[0x1010, 1], put[0x1011, 1] = self._store, self._restore
+        for number in range(PDOS):
+            for way in (0x1400, 0x1800):
+                put[way + number, 1] = self._set_pdo_identifier
+                put[way + number, 2] = self._set_transmission_type
+                put[way + number, 3] = self._set_inhibit_time
+                for sub in range(MAPPED + 1):
+                    put[way + 0x200 + number, sub] = self._set_mapping
+        get[0x2100, 2] = lambda: min(self.drive.jump_limit, 0xFFFFFFFF)
+        get[0x2101, 1] = lambda: min(self.drive.report().samples, 0xFFFFFFFF)
+        put[0x2101, 1] = self._clear_verdict
+        get[0x6060, 0] = lambda: self._rx["mode"]
+        put[0x6060, 0] = self._set_mode
+        get[0x6073, 0] = lambda: self._peak_current()
+        get[0x6075, 0] = lambda: round(1000 * self.drive.config.rated_current_a)
+        get[0x6076, 0] = lambda: round(1000 * self.drive.config.rated_torque_nm)
+        get[0x6080, 0] = lambda: round(self.drive.config.max_speed_rpm)
+        put[0x6080, 0] = lambda row, value: self._configure(row, "max_speed_rpm", value)
+        get[0x60A4, 1] = self._profile_jerk
+        put[0x60A4, 1] = self._set_profile_jerk
+        get[0x607A, 0] = lambda: self._rx["target_position"]
+        put[0x607A, 0] = self._set_target
+        put[0x60C2, 1] = put[0x60C2, 2] = self._set_interval
+
+    def _peak_current(self) -> int:
+        config = self.drive.config
+        return min(round(1000 * config.peak_torque_nm / config.rated_torque_nm), 0xFFFF)
+
+    def _clear_errors(self, row: Entry, value: int) -> None:
+        if value != 0:
+            raise SdoError(Abort.RANGE, row.index, row.sub)
+        self._errors.clear()
+
+    def _clear_verdict(self, row: Entry, value: int) -> None:
+        if value != 0:
+            raise SdoError(Abort.RANGE, row.index, row.sub)
+        self.drive.clear_report()
+
+    def _store(self, row: Entry, value: int) -> None:
+        if value != SAVE:
+            raise SdoError(Abort.CANNOT_STORE, row.index, row.sub)
+        self._stored = dict(self._values), self.drive.config
+
+    def _restore(self, row: Entry, value: int) -> None:
+        if value != LOAD:
+            raise SdoError(Abort.CANNOT_STORE, row.index, row.sub)
+        self._stored = None
+
+    def _set_mode(self, row: Entry, value: int) -> None:
+        if value not in Mode.__members__.values():
+            raise SdoError(Abort.RANGE, row.index, row.sub)
+        self._rx["mode"] = value
+
+    def _jerk_unit(self) -> float:
+        """Units of 60A4h in one revolution of the motor per s^3."""
+        config = self.drive.config
+        return config.feed / config.feed_shaft * config.gear_shaft / config.gear_motor
+
+    def _profile_jerk(self) -> int:
+        return min(round(self.drive.config.profile_jerk_rev_s3 * self._jerk_unit()), 0xFFFFFFFF)
+
+    def _set_profile_jerk(self, row: Entry, value: int) -> None:
+        self._configure(row, "profile_jerk_rev_s3", value / self._jerk_unit())
+
+    def _set_target(self, row: Entry, value: int) -> None:
+        self._rx["target_position"] = value
+        self._target_written = True
+
+    def _set_interval(self, row: Entry, value: int) -> None:
+        """60C2h counts once value and index together give a period the drive can run."""
+        if (row.sub == 1 and value < 1) or (row.sub == 2 and not -6 <= value <= 0):
+            raise SdoError(Abort.RANGE, row.index, row.sub)
+        self._values[row.index, row.sub] = value
+        period = int(self._values[0x60C2, 1]) / 10 ** -int(self._values[0x60C2, 2])
+        try:
+            self.drive.configure(period_s=period)
+        except DriveConfigError:
+            return
+
+    def _set_identifier(self, row: Entry, value: int) -> None:
+        if _reserved(value) or value & 0x1FFFF800:
+            raise SdoError(Abort.RANGE, row.index, row.sub)
+        self._values[row.index, row.sub] = value
+
+    def _set_pdo_identifier(self, row: Entry, value: int) -> None:
+        """Identifiers change while the PDO is disabled (bit 31), on the way in or out."""
+        if _reserved(value) or value & 0x3FFFF800:
+            raise SdoError(Abort.RANGE, row.index, row.sub)
+        old = int(self._values[row.index, row.sub])
+        if not (old | value) & DISABLED and (old ^ value) & 0x7FF:
+            raise SdoError(Abort.DEVICE_STATE, row.index, row.sub)
+        self._values[row.index, row.sub] = value
+
+    def _set_transmission_type(self, row: Entry, value: int) -> None:
+        by_request = row.index >= 0x1800 and value in (252, 253)
+        if 240 < value < 254 and not by_request:
+            raise SdoError(Abort.RANGE, row.index, row.sub)
+        self._values[row.index, row.sub] = value
+
+    def _set_inhibit_time(self, row: Entry, value: int) -> None:
+        if not int(self._values[row.index, 1]) & DISABLED:
+            raise SdoError(Abort.DEVICE_STATE, row.index, row.sub)
+        self._values[row.index, row.sub] = value
+
+    def _set_mapping(self, row: Entry, value: int) -> None:
+        """Disable the PDO, sub 0 := 0, write the objects, sub 0 := n, enable."""
+        receive = row.index < 0x1800
+        number = row.index & 0xF
+        way = 0x1400 if receive else 0x1800
+        if not int(self._values[way + number, 1]) & DISABLED:
+            raise SdoError(Abort.DEVICE_STATE, row.index, row.sub)
+        if row.sub > 0:
+            if self._values[row.index, 0] != 0:
+                raise SdoError(Abort.DEVICE_STATE, row.index, row.sub)
+            if value != 0:
+                _mapped(value, receive, row)
+            self._values[row.index, row.sub] = value
+            return
+        if value > MAPPED:
+            raise SdoError(Abort.PDO_LENGTH, row.index, row.sub)
+        words = [int(self._values[row.index, sub]) for sub in range(1, value + 1)]
+        for word in words:
+            _mapped(word, receive, row)
+        if sum(word & 0xFF for word in words) > 64:
+            raise SdoError(Abort.PDO_LENGTH, row.index, row.sub)
+        self._values[row.index, 0] = value
+        self._plans.pop((number, receive), None)
+
+    def _plan(self, number: int, receive: bool) -> tuple[list[Entry | int], struct.Struct]:
+        plan = self._plans.get((number, receive))
+        if plan is None:
+            index = (0x1600 if receive else 0x1A00) + number
+            count = int(self._values[index, 0])
+            rows = [
+                _mapped(int(self._values[index, sub]), receive, entry(index, sub))
+                for sub in range(1, count + 1)
+            ]
+            layout = "".join(
+                row.type.value[1] if isinstance(row, Entry) else f"{row // 8}x" for row in rows
+            )
+            plan = self._plans[number, receive] = rows, struct.Struct("<" + layout)
+        return plan
+
+
+def _mapped(word: int, receive: bool, where: Entry) -> Entry | int:
+    """What a mapping word (index, sub, bits) names; `SdoError` at `where` when it may not."""
+    index, sub, bits = word >> 16, word >> 8 & 0xFF, word & 0xFF
+    if receive and index in DUMMIES and sub == 0 and bits == DUMMIES[index]:
+        if bits % 8:
+            raise SdoError(Abort.NOT_MAPPABLE, where.index, where.sub)
+        return bits
+    try:
+        row = entry(index, sub)
+    except SdoError as error:
+        raise SdoError(Abort.NO_OBJECT, where.index, where.sub) from error
+    if ("R" if receive else "T") not in row.pdo or bits != row.bits:
+        raise SdoError(Abort.NOT_MAPPABLE, where.index, where.sub)
+    return row
+
+
+def _reserved(word: int) -> bool:
+    return any(word & 0x7FF in block for block in _RESERVED_IDS)
+
+
+def _interval(period_s: float) -> tuple[int, int]:
+    """A period as value and power of ten, the coarsest power that is exact or else the finest."""
+    for power in range(-3, -7, -1):
+        value = period_s * 10**-power
+        if 1 <= round(value) <= 255 and math.isclose(value, round(value), rel_tol=1e-9):
+            return round(value), power
+    return max(1, min(255, round(period_s * 1e6))), -6

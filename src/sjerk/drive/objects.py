@@ -1,0 +1,506 @@
+"""The object dictionary of the drive as data: CiA 301 communication, CiA 402 drive profile.
+
+`OBJECTS` is the table, `Abort` the SDO abort codes of CiA 301, `eds` writes the table as an
+electronic data sheet (CiA 306). A row's `source` says where its value lives: ``config.x`` a
+field of `sjerk.cia402.DriveConfig`, ``rx.x`` and ``tx.x`` a word of the process data,
+``report.x`` and ``finding.X`` the verdict on the stream, "" the dictionary itself, ``special`` a
+rule of `sjerk.drive.device`.
+
+Never here: a drive, a bus, a value that changes.
+"""
+
+from __future__ import annotations
+
+import enum
+import struct
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+
+from sjerk.errors import SjerkError
+
+
+class Type(enum.Enum):
+    """Data types of CiA 301: (code, struct format)."""
+
+    INTEGER8 = (0x02, "b")
+    INTEGER16 = (0x03, "h")
+    INTEGER32 = (0x04, "i")
+    UNSIGNED8 = (0x05, "B")
+    UNSIGNED16 = (0x06, "H")
+    UNSIGNED32 = (0x07, "I")
+    REAL32 = (0x08, "f")
+    VISIBLE_STRING = (0x09, "")
+
+    @property
+    def code(self) -> int:
+        """The type's number in an electronic data sheet."""
+        return self.value[0]
+
+    @property
+    def size(self) -> int:
+        """Bytes of a value; 0: as many as it has."""
+        return struct.calcsize("<" + self.value[1]) if self.value[1] else 0
+
+    @property
+    def limits(self) -> tuple[int, int] | None:
+        """Smallest and largest value of an integer type."""
+        if self in (Type.REAL32, Type.VISIBLE_STRING):
+            return None
+        bits = 8 * self.size
+        if self.value[1].islower():
+            return -(1 << (bits - 1)), (1 << (bits - 1)) - 1
+        return 0, (1 << bits) - 1
+
+    def pack(self, value: int | float | str) -> bytes:
+        """The value as it goes over the wire, little-endian."""
+        if isinstance(value, str):
+            return value.encode("ascii")
+        return struct.pack("<" + self.value[1], value)
+
+    def unpack(self, data: bytes) -> int | float | str:
+        """The value of bytes from the wire; their number must be right."""
+        if self is Type.VISIBLE_STRING:
+            return data.decode("ascii", "replace")
+        value: int | float = struct.unpack("<" + self.value[1], data)[0]
+        return value
+
+
+class Abort(enum.IntEnum):
+    """SDO abort codes of CiA 301."""
+
+    TOGGLE = 0x05030000
+    COMMAND = 0x05040001
+    UNSUPPORTED_ACCESS = 0x06010000
+    WRITE_ONLY = 0x06010001
+    READ_ONLY = 0x06010002
+    NO_OBJECT = 0x06020000
+    NOT_MAPPABLE = 0x06040041
+    PDO_LENGTH = 0x06040042
+    LENGTH = 0x06070010
+    TOO_LONG = 0x06070012
+    TOO_SHORT = 0x06070013
+    NO_SUBINDEX = 0x06090011
+    RANGE = 0x06090030
+    TOO_HIGH = 0x06090031
+    TOO_LOW = 0x06090032
+    MAX_BELOW_MIN = 0x06090036
+    CANNOT_STORE = 0x08000020
+    LOCAL_CONTROL = 0x08000021
+    DEVICE_STATE = 0x08000022
+
+
+class SdoError(SjerkError):
+    """An access that the dictionary refuses: `abort`, `index`, `sub`."""
+
+    def __init__(self, abort: Abort, index: int, sub: int) -> None:
+        """Name the object and the abort code."""
+        super().__init__(f"{index:04X}h:{sub}: {abort.name.lower()} ({int(abort):08X}h)")
+        self.abort, self.index, self.sub = abort, index, sub
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One (sub-)object: what an SDO or PDO can reach."""
+
+    index: int
+    sub: int
+    name: str
+    type: Type
+    access: str
+    """"ro", "rw"; "idle" is rw while the drive is not enabled."""
+    pdo: str = ""
+    """"R" may be mapped into a receive PDO, "T" into a transmit PDO, "RT" both."""
+    default: int | float | str = 0
+    unit: str = ""
+    source: str = ""
+
+    @property
+    def bits(self) -> int:
+        """Length in a PDO."""
+        return 8 * self.type.size
+
+
+@dataclass(frozen=True)
+class Object:
+    """An object: one entry (variable) or entries from sub-index 0 (array, record)."""
+
+    index: int
+    name: str
+    entries: tuple[Entry, ...]
+    code: int
+    """Object code: 7 variable, 8 array, 9 record."""
+
+
+I8, I16, I32 = Type.INTEGER8, Type.INTEGER16, Type.INTEGER32
+U8, U16, U32 = Type.UNSIGNED8, Type.UNSIGNED16, Type.UNSIGNED32
+REAL, TEXT = Type.REAL32, Type.VISIBLE_STRING
+
+Row = tuple[str, Type, str, str, int | float | str, str, str]
+
+
+def _var(
+    index: int,
+    name: str,
+    type_: Type,
+    access: str,
+    pdo: str = "",
+    default: int | float | str = 0,
+    unit: str = "",
+    source: str = "",
+) -> Object:
+    entry = Entry(index, 0, name, type_, access, pdo, default, unit, source)
+    return Object(index, name, (entry,), 7)
+
+
+def _many(index: int, name: str, *rows: Row, code: int = 8, count: str = "ro") -> Object:
+    """An array or record; `count` is the access of sub-index 0."""
+    head = Entry(index, 0, "Highest sub-index", U8, count, "", len(rows), "", "")
+    subs = (Entry(index, sub, *row) for sub, row in enumerate(rows, 1))
+    return Object(index, name, (head, *subs), code)
+
+
+PDOS = 4
+"""Receive and transmit PDOs, each."""
+MAPPED = 8
+"""Most objects in one PDO."""
+
+_RPDO_MAPS = (
+    (0x60400010, 0x60600008, 0x607A0020),
+    (0x60FF0020, 0x60710010),
+    (0x60B00020, 0x60B10020),
+    (0x60B20010,),
+)
+_TPDO_MAPS = (
+    (0x60410010, 0x60610008, 0x60640020),
+    (0x606C0020, 0x60770010, 0x603F0010),
+    (0x60F40020, 0x60620020),
+    (0x60FD0020,),
+)
+DISABLED = 0x80000000
+NO_RTR = 0x40000000
+
+
+def _pdo(number: int, receive: bool) -> Iterator[Object]:
+    side, way = ("Receive", 0x1400) if receive else ("Transmit", 0x1800)
+    base = (0x200 if receive else 0x180) + 0x100 * number
+    cob = base | (0 if number == 0 else DISABLED) | (0 if receive else NO_RTR)
+    rows: list[Row] = [
+        ("COB-ID", U32, "rw", "", cob, "", "special"),
+        ("Transmission type", U8, "rw", "", 1, "", "special"),
+    ]
+    if not receive:
+        rows += [
+            ("Inhibit time", U16, "rw", "", 0, "100 us", "special"),
+            ("Reserved", U8, "ro", "", 0, "", ""),
+            ("Event timer", U16, "rw", "", 0, "ms", ""),
+        ]
+    yield _many(way + number, f"{side} PDO {number + 1} communication", *rows, code=9)
+    maps = (_RPDO_MAPS if receive else _TPDO_MAPS)[number]
+    mapping = _many(
+        way + 0x200 + number,
+        f"{side} PDO {number + 1} mapping",
+        *(
+            (
+                f"Mapped object {n + 1}",
+                U32,
+                "rw",
+                "",
+                maps[n] if n < len(maps) else 0,
+                "",
+                "special",
+            )
+            for n in range(MAPPED)
+        ),
+        code=9,
+        count="rw",
+    )
+    head = replace(mapping.entries[0], name="Mapped objects", default=len(maps), source="special")
+    yield replace(mapping, entries=(head, *mapping.entries[1:]))
+
+
+_COMMUNICATION: tuple[Object, ...] = (
+    _var(0x1000, "Device type", U32, "ro", "", 0x00020192),
+    _var(0x1001, "Error register", U8, "ro", "T", 0, "", "tx.error_register"),
+    _many(
+        0x1003,
+        "Pre-defined error field",
+        *(("Error", U32, "ro", "", 0, "", "special") for _ in range(8)),
+        count="rw",
+    ),
+    _var(0x1005, "COB-ID SYNC", U32, "rw", "", 0x80, "", "special"),
+    _var(0x1006, "Communication cycle period", U32, "rw", "", 0, "us"),
+    _var(0x1008, "Manufacturer device name", TEXT, "ro", "", "sjerk simulated drive"),
+    _var(0x1009, "Manufacturer hardware version", TEXT, "ro", "", "none"),
+    _var(0x100A, "Manufacturer software version", TEXT, "ro", "", "0.1.0"),
+    _many(0x1010, "Store parameters", ("Save all", U32, "rw", "", 1, "", "special")),
+    _many(0x1011, "Restore defaults", ("Restore all", U32, "rw", "", 1, "", "special")),
+    _var(0x1014, "COB-ID EMCY", U32, "rw", "", 0x80, "", "special"),
+    _many(
+        0x1016,
+        "Consumer heartbeat time",
+        ("Master", U32, "rw", "", 0, "ms", "special"),
+    ),
+    _var(0x1017, "Producer heartbeat time", U16, "rw", "", 0, "ms"),
+    _many(
+        0x1018,
+        "Identity",
+        ("Vendor", U32, "ro", "", 0, "", ""),
+        ("Product", U32, "ro", "", 0x5E4B0402, "", ""),
+        ("Revision", U32, "ro", "", 1, "", ""),
+        ("Serial number", U32, "ro", "", 0, "", ""),
+        code=9,
+    ),
+    _many(
+        0x10F1,
+        "Error settings",
+        ("Local error reaction", U32, "ro", "", 1, "", ""),
+        ("Sync error counter limit", U16, "rw", "", 12, "", "config.sync_error_limit"),
+        code=9,
+    ),
+    *(part for number in range(PDOS) for part in _pdo(number, True)),
+    *(part for number in range(PDOS) for part in _pdo(number, False)),
+)
+
+# fmt: off
+_MAKER: tuple[Object, ...] = (
+    _many(0x2100, "Supervision of the targets",
+          ("Reaction to a jump: 0 fault, 1 clamp, 2 off", U8, "rw", "", 0, "",
+           "config.jump_option"),
+          ("Jump limit", U32, "ro", "T", 0, "pu", "special"),
+          ("SYNCs bridged", U16, "rw", "", 3, "", "config.sync_extrapolation"),
+          ("Acceleration limit, 0 = the motor's", REAL, "rw", "", 0.0, "rev/s^2",
+           "config.stream_acceleration_rev_s2"),
+          ("Jerk limit, 0 = none", REAL, "rw", "", 0.0, "rev/s^3", "config.stream_jerk_rev_s3"),
+          ("Jerk of profiles", REAL, "rw", "", 10000.0, "rev/s^3", "config.profile_jerk_rev_s3"),
+          code=9),
+    _many(0x2101, "Verdict on the targets",
+          ("Write 0: begin anew; targets judged", U32, "rw", "T", 0, "", "special"),
+          ("Largest velocity", REAL, "ro", "", 0.0, "rev/s", "report.velocity_rev_s"),
+          ("Largest acceleration", REAL, "ro", "", 0.0, "rev/s^2", "report.acceleration_rev_s2"),
+          ("Largest jerk", REAL, "ro", "", 0.0, "rev/s^3", "report.jerk_rev_s3"),
+          ("Largest following error", U32, "ro", "T", 0, "pu", "report.following_error"),
+          ("Missed SYNCs", U32, "ro", "T", 0, "", "report.missed_syncs"),
+          ("Jumps", U32, "ro", "T", 0, "", "finding.JUMP"),
+          ("Stale targets", U32, "ro", "T", 0, "", "finding.STALE"),
+          ("Skipped targets", U32, "ro", "T", 0, "", "finding.SKIPPED"),
+          ("Steps in velocity", U32, "ro", "T", 0, "", "finding.STEP"),
+          ("Acceleration beyond limit", U32, "ro", "T", 0, "", "finding.ACCELERATION"),
+          ("Velocity beyond limit", U32, "ro", "T", 0, "", "finding.VELOCITY"),
+          ("Jerk beyond limit", U32, "ro", "T", 0, "", "finding.JERK"), code=9),
+)
+
+_PROFILE: tuple[Object, ...] = (
+    _var(0x6007, "Abort connection option code", I16, "rw", "", 1, "", "config.abort_option"),
+    _var(0x603F, "Error code", U16, "ro", "T", 0, "", "tx.error_code"),
+    _var(0x6040, "Controlword", U16, "rw", "R", 0, "", "rx.controlword"),
+    _var(0x6041, "Statusword", U16, "ro", "T", 0, "", "tx.statusword"),
+    _var(0x605A, "Quick stop option code", I16, "rw", "", 2, "", "config.quick_stop_option"),
+    _var(0x605B, "Shutdown option code", I16, "rw", "", 0, "", "config.shutdown_option"),
+    _var(0x605C, "Disable operation option code", I16, "rw", "", 1, "", "config.disable_option"),
+    _var(0x605D, "Halt option code", I16, "rw", "", 1, "", "config.halt_option"),
+    _var(0x605E, "Fault reaction option code", I16, "rw", "", 2, "", "config.fault_option"),
+    _var(0x6060, "Modes of operation", I8, "rw", "R", 0, "", "special"),
+    _var(0x6061, "Modes of operation display", I8, "ro", "T", 0, "", "tx.mode_display"),
+    _var(0x6062, "Position demand value", I32, "ro", "T", 0, "pu", "tx.position_demand"),
+    _var(0x6063, "Position actual internal", I32, "ro", "T", 0, "inc", "tx.position_internal"),
+    _var(0x6064, "Position actual value", I32, "ro", "T", 0, "pu", "tx.position_actual"),
+    _var(0x6065, "Following error window", U32, "rw", "", 1 << 24, "pu", "config.following_window"),
+    _var(0x6066, "Following error time out", U16, "rw", "", 0, "ms", "config.following_time_ms"),
+    _var(0x6067, "Position window", U32, "rw", "", 10, "pu", "config.position_window"),
+    _var(0x6068, "Position window time", U16, "rw", "", 0, "ms", "config.position_time_ms"),
+    _var(0x606B, "Velocity demand value", I32, "ro", "T", 0, "pu/s", "tx.velocity_demand"),
+    _var(0x606C, "Velocity actual value", I32, "ro", "T", 0, "pu/s", "tx.velocity_actual"),
+    _var(0x606D, "Velocity window", U16, "rw", "", 65535, "pu/s", "config.velocity_window"),
+    _var(0x606E, "Velocity window time", U16, "rw", "", 0, "ms", "config.velocity_time_ms"),
+    _var(0x606F, "Velocity threshold", U16, "rw", "", 65535, "pu/s", "config.velocity_threshold"),
+    _var(0x6070, "Velocity threshold time", U16, "rw", "", 0, "ms", "config.threshold_time_ms"),
+    _var(0x6071, "Target torque", I16, "rw", "R", 0, "0.1 %", "rx.target_torque"),
+    _var(0x6072, "Max torque", U16, "rw", "R", 3500, "0.1 %", "config.max_torque"),
+    _var(0x6073, "Max current", U16, "ro", "", 3512, "0.1 %", "special"),
+    _var(0x6074, "Torque demand value", I16, "ro", "T", 0, "0.1 %", "tx.torque_demand"),
+    _var(0x6075, "Motor rated current", U32, "ro", "", 2500, "mA", "special"),
+    _var(0x6076, "Motor rated torque", U32, "ro", "", 1270, "mNm", "special"),
+    _var(0x6077, "Torque actual value", I16, "ro", "T", 0, "0.1 %", "tx.torque_actual"),
+    _var(0x6078, "Current actual value", I16, "ro", "T", 0, "0.1 %", "tx.current_actual"),
+    _var(0x6079, "DC link circuit voltage", U32, "ro", "T", 325000, "mV", "tx.dc_link_mv"),
+    _var(0x607A, "Target position", I32, "rw", "R", 0, "pu", "special"),
+    _many(0x607B, "Position range limit",
+          ("Min", I32, "idle", "", -(1 << 31), "pu", "config.range_min"),
+          ("Max", I32, "idle", "", (1 << 31) - 1, "pu", "config.range_max")),
+    _var(0x607C, "Home offset", I32, "rw", "", 0, "pu", "config.home_offset"),
+    _many(0x607D, "Software position limit",
+          ("Min", I32, "rw", "", 0, "pu", "config.software_min"),
+          ("Max", I32, "rw", "", 0, "pu", "config.software_max")),
+    _var(0x607E, "Polarity", U8, "idle", "", 0, "", "config.polarity"),
+    _var(0x607F, "Max profile velocity", U32, "rw", "R", 1677721600, "pu/s",
+         "config.max_profile_velocity"),
+    _var(0x6080, "Max motor speed", U32, "idle", "", 6000, "rpm", "special"),
+    _var(0x6081, "Profile velocity", U32, "rw", "R", 167772160, "pu/s", "config.profile_velocity"),
+    _var(0x6083, "Profile acceleration", U32, "rw", "R", 1677721600, "pu/s^2",
+         "config.profile_acceleration"),
+    _var(0x6084, "Profile deceleration", U32, "rw", "R", 1677721600, "pu/s^2",
+         "config.profile_deceleration"),
+    _var(0x6085, "Quick stop deceleration", U32, "rw", "R", 4194304000, "pu/s^2",
+         "config.quick_stop_deceleration"),
+    _var(0x6086, "Motion profile type", I16, "ro", "", 3, "3: jerk-limited"),
+    _many(0x608F, "Position encoder resolution",
+          ("Increments", U32, "ro", "", 1 << 24, "inc", "config.encoder_increments"),
+          ("Motor revolutions", U32, "ro", "", 1, "rev", "config.encoder_revolutions")),
+    _many(0x6090, "Velocity encoder resolution",
+          ("Increments per second", U32, "ro", "", 1 << 24, "inc/s", "config.encoder_increments"),
+          ("Motor revolutions per second", U32, "ro", "", 1, "rev/s",
+           "config.encoder_revolutions")),
+    _many(0x6091, "Gear ratio",
+          ("Motor revolutions", U32, "idle", "", 1, "rev", "config.gear_motor"),
+          ("Shaft revolutions", U32, "idle", "", 1, "rev", "config.gear_shaft")),
+    _many(0x6092, "Feed constant",
+          ("Feed", U32, "idle", "", 1 << 24, "pu", "config.feed"),
+          ("Shaft revolutions", U32, "idle", "", 1, "rev", "config.feed_shaft")),
+    _var(0x6098, "Homing method", I8, "rw", "R", 37, "", "config.homing_method"),
+    _many(0x6099, "Homing speeds",
+          ("Search for switch", U32, "rw", "", 1 << 24, "pu/s", "config.homing_speed_switch"),
+          ("Search for zero", U32, "rw", "", 1677721, "pu/s", "config.homing_speed_zero")),
+    _var(0x609A, "Homing acceleration", U32, "rw", "", 167772160, "pu/s^2",
+         "config.homing_acceleration"),
+    _var(0x60A3, "Profile jerk use", U8, "ro", "", 1),
+    _many(0x60A4, "Profile jerk",
+          ("Jerk", U32, "rw", "", 0xFFFFFFFF, "pu/s^3", "special")),
+    _var(0x60B0, "Position offset", I32, "rw", "R", 0, "pu", "rx.position_offset"),
+    _var(0x60B1, "Velocity offset", I32, "rw", "R", 0, "pu/s", "rx.velocity_offset"),
+    _var(0x60B2, "Torque offset", I16, "rw", "R", 0, "0.1 %", "rx.torque_offset"),
+    _many(0x60C2, "Interpolation time period",
+          ("Value", U8, "idle", "", 1, "s x 10^index", "special"),
+          ("Index", I8, "idle", "", -3, "", "special"), code=9),
+    _var(0x60C5, "Max acceleration", U32, "rw", "R", 0xFFFFFFFF, "pu/s^2",
+         "config.max_acceleration"),
+    _var(0x60C6, "Max deceleration", U32, "rw", "R", 0xFFFFFFFF, "pu/s^2",
+         "config.max_deceleration"),
+    _var(0x60E0, "Positive torque limit", U16, "rw", "R", 3500, "0.1 %",
+         "config.torque_limit_positive"),
+    _var(0x60E1, "Negative torque limit", U16, "rw", "R", 3500, "0.1 %",
+         "config.torque_limit_negative"),
+    _many(0x60E3, "Supported homing methods",
+          *((f"Method {n}", I8, "ro", "", n, "", "") for n in (0, 17, 18, 33, 34, 35, 37))),
+    _var(0x60F2, "Positioning option code", U16, "rw", "", 0, "", "config.positioning_option"),
+    _var(0x60F4, "Following error actual value", I32, "ro", "T", 0, "pu", "tx.following_error"),
+    _var(0x60FC, "Position demand internal", I32, "ro", "T", 0, "inc", "tx.demand_internal"),
+    _var(0x60FD, "Digital inputs", U32, "ro", "T", 0, "", "tx.digital_inputs"),
+    _many(0x60FE, "Digital outputs",
+          ("Physical outputs", U32, "rw", "R", 0, "", "rx.digital_outputs"),
+          ("Bit mask", U32, "rw", "R", 0, "", "rx.output_mask")),
+    _var(0x60FF, "Target velocity", I32, "rw", "R", 0, "pu/s", "rx.target_velocity"),
+    _var(0x6502, "Supported drive modes", U32, "ro", "T", 0x000003A5),
+)
+# fmt: on
+
+OBJECTS: dict[int, Object] = {thing.index: thing for thing in (*_COMMUNICATION, *_MAKER, *_PROFILE)}
+"""Every object by its index."""
+
+DUMMIES: dict[int, int] = {0x01: 1, 0x02: 8, 0x03: 16, 0x04: 32, 0x05: 8, 0x06: 16, 0x07: 32}
+"""Bits of the data types that may fill a receive PDO: they are skipped."""
+
+
+def entry(index: int, sub: int) -> Entry:
+    """The row of an object; `SdoError` when there is none.
+
+    >>> entry(0x6040, 0).name
+    'Controlword'
+    """
+    if index not in OBJECTS:
+        raise SdoError(Abort.NO_OBJECT, index, sub)
+    entries = OBJECTS[index].entries
+    if sub >= len(entries):
+        raise SdoError(Abort.NO_SUBINDEX, index, sub)
+    return entries[sub]
+
+
+def eds(
+    *,
+    node_id: int = 1,
+    file_name: str = "sjerk.eds",
+    values: Mapping[tuple[int, int], int | float | str] | None = None,
+) -> str:
+    """The electronic data sheet of the drive, COB-IDs for `node_id`; `values` override defaults."""
+    values = values or {}
+    mandatory = [0x1000, 0x1001, 0x1018]
+    groups = {
+        "MandatoryObjects": [i for i in OBJECTS if i in mandatory],
+        "OptionalObjects": [i for i in OBJECTS if i not in mandatory and not 0x2000 <= i < 0x6000],
+        "ManufacturerObjects": [i for i in OBJECTS if 0x2000 <= i < 0x6000],
+    }
+    lines = [
+        "[FileInfo]",
+        f"FileName={file_name}",
+        "FileVersion=1",
+        "FileRevision=0",
+        "EDSVersion=4.0",
+        "Description=Simulated servo drive, CiA 402",
+        "CreatedBy=sjerk",
+        "",
+        "[DeviceInfo]",
+        "VendorName=sjerk (no assigned vendor)",
+        "VendorNumber=0",
+        "ProductName=sjerk simulated drive",
+        f"ProductNumber={OBJECTS[0x1018].entries[2].default:#x}",
+        "RevisionNumber=1",
+        *(f"BaudRate_{rate}=1" for rate in (10, 20, 50, 125, 250, 500, 800, 1000)),
+        "SimpleBootUpMaster=0",
+        "SimpleBootUpSlave=1",
+        "Granularity=8",
+        "DynamicChannelsSupported=0",
+        "GroupMessaging=0",
+        f"NrOfRXPDO={PDOS}",
+        f"NrOfTXPDO={PDOS}",
+        "LSS_Supported=0",
+        "",
+        "[DummyUsage]",
+        *(f"Dummy{index:04X}=1" for index in DUMMIES),
+        "",
+    ]
+    for group, indices in groups.items():
+        lines += [f"[{group}]", f"SupportedObjects={len(indices)}"]
+        lines += [f"{n}={index:#06x}" for n, index in enumerate(indices, 1)]
+        lines.append("")
+    for thing in OBJECTS.values():
+        if thing.code == 7:
+            lines += _section(f"{thing.index:04X}", thing.entries[0], node_id, values)
+            continue
+        lines += [
+            f"[{thing.index:04X}]",
+            f"ParameterName={thing.name}",
+            f"ObjectType={thing.code:#x}",
+            f"SubNumber={len(thing.entries)}",
+            "",
+        ]
+        for row in thing.entries:
+            lines += _section(f"{thing.index:04X}sub{row.sub:X}", row, node_id, values)
+    return "\n".join(lines)
+
+
+def default(row: Entry, node_id: int) -> int | float | str:
+    """The power-on value of a row in a node: COB-IDs carry the node's number."""
+    if isinstance(row.default, int) and (
+        row.index == 0x1014
+        or (0x1400 <= row.index < 0x1C00 and row.sub == 1 and not row.index & 0x200)
+    ):
+        return row.default + node_id
+    return row.default
+
+
+def _section(
+    name: str, row: Entry, node_id: int, values: Mapping[tuple[int, int], int | float | str]
+) -> list[str]:
+    access = {"ro": "ro", "rw": "rw", "idle": "rw"}[row.access]
+    if row.access != "ro" and row.pdo:
+        access = {"R": "rww", "T": "rwr"}.get(row.pdo, "rw")
+    value = values.get((row.index, row.sub), default(row, node_id))
+    return [
+        f"[{name}]",
+        f"ParameterName={row.name}",
+        "ObjectType=0x7",
+        f"DataType={row.type.code:#06x}",
+        f"AccessType={access}",
+        f"DefaultValue={value if not isinstance(value, int) or value < 0 else hex(value)}",
+        f"PDOMapping={int(bool(row.pdo))}",
+        "",
+    ]

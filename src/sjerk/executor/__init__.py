@@ -1,0 +1,1 @@
+"""Goals of an action server and goal streams, on a host."""

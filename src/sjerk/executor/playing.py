@@ -1,0 +1,246 @@
+"""A goal stream in a kernel: what it hands out is played, each piece with a stop behind it.
+
+``StreamPlayer`` takes goals as they come and keeps the kernel's path a little ahead of the motion.
+Behind every piece lies the brake to rest, replaced by the next piece in time; so the kernel always
+knows how to stop, whatever becomes of the host. Never here: planning, shared memory.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Self
+
+from numpy.typing import ArrayLike
+
+from sjerk.errors import InputError, SjerkError, positive
+from sjerk.host.feedback import PathState
+from sjerk.host.host import Host
+from sjerk.host.path import Path
+from sjerk.profile import Limits
+from sjerk.trajectory.joining import brake
+from sjerk.trajectory.segments import Followed, Knot
+from sjerk.trajectory.streaming import GoalStream, StreamReport
+
+_OVER = (
+    PathState.DONE,
+    PathState.STOPPED,
+    PathState.LEFT,
+    PathState.REFUSED,
+    PathState.SUPERSEDED,
+)
+
+
+class StreamPlayer:
+    """Goals of some axes at 10 to 500 Hz, played with look-ahead; options are ``GoalStream``'s.
+
+    ``axes``: one per joint, else all, which must be at rest. ``ahead`` (s): how long before it is
+    due a piece is planned and sent; it is added to the delay as a margin. With a kernel in a
+    process a thread feeds it; in a caller's own loop ``update`` must be called every few cycles.
+    Where a piece comes too late the motion stops, is told as starved, and goes on from rest.
+    """
+
+    def __init__(
+        self,
+        host: Host,
+        *,
+        period: float,
+        delay: int = 4,
+        ahead: float = 0.05,
+        stop_within: bool = False,
+        axes: Sequence[int] | None = None,
+    ) -> None:
+        """Raises InputError."""
+        self._host, self._T = host, host._T
+        self._axes = host._joints(axes)
+        frame = host.feedback()
+        self._limits: list[Limits] = [frame.axes[i].limits for i in self._axes]
+        self._stream = GoalStream(
+            self._limits,
+            self._T,
+            [frame.axes[i].position for i in self._axes],
+            period=period,
+            delay=delay,
+            margin=2.0 * positive("ahead", ahead),
+            stop_within=stop_within,
+        )
+        self._ahead = max(2, round(ahead / self._T))
+        self._path: Path | None = None
+        self._ends: list[int] = []  # stream's cycles at the way-points of the path, from its first
+        self._begin = 0  # the stream's cycle at which the path begins
+        self._firm = 0  # way-points of the path before the brake
+        self._idle_since = (frame.cycle, 0)
+        self._replaced: Path | None = None
+        self._lost = False
+        self._lock = threading.RLock()
+        self._over = threading.Event()
+        self._error: SjerkError | None = None
+        self._thread: threading.Thread | None = None
+        if host._cyclic:
+            self._thread = threading.Thread(target=self._feed, daemon=True)
+            self._thread.start()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Feed no more; the motion comes to rest."""
+        self._over.set()
+        if self._thread is not None:
+            self._thread.join()
+
+    # ---- goals
+
+    def push(self, position: ArrayLike, time: float | None = None) -> None:
+        """Take a goal, as ``GoalStream.push`` does; raises that, and what ended the motion."""
+        self._check()
+        with self._lock:
+            self._stream.push(position, time)
+
+    def end(self) -> None:
+        """No goal comes any more: the motion ends at rest on the last one."""
+        with self._lock:
+            self._stream.end()
+
+    @property
+    def report(self) -> StreamReport:
+        """What has become of the goals, by what was sent."""
+        return self._stream.report
+
+    @property
+    def done(self) -> bool:
+        """Whether the stream was ended and the command rests on its last goal."""
+        self._check()
+        with self._lock:
+            over = self._path is None or self._path.state is PathState.DONE
+            return self._stream.done and over
+
+    def wait(self, timeout: float | None = None) -> None:
+        """Return when ``done``; raises TimeoutError, and what ended the motion."""
+        until = None if timeout is None else time.monotonic() + timeout
+        while not self.done:
+            if until is not None and time.monotonic() > until:
+                raise TimeoutError(f"stream: not within {timeout} s")
+            time.sleep(1e-3)
+
+    def _check(self) -> None:
+        if self._error is not None:
+            raise self._error
+
+    # ---- feeding
+
+    def _feed(self) -> None:
+        while not self._over.wait(2e-3) and not self._host.closed:
+            try:
+                self.update()
+            except SjerkError as error:
+                self._error = error
+                return
+
+    def update(self) -> None:
+        """Look once: plan and send what is due. Raises what ended the motion."""
+        with self._lock:
+            frame = self._host.feedback()
+            cycle = frame.cycle
+            if self._path is not None and self._path.state is PathState.REFUSED and self._replaced:
+                self._lose()
+            if self._lost:
+                if any(frame.axes[i].moving for i in self._axes):
+                    return
+                self._lost, self._path = False, None
+                self._stream.rested([frame.axes[i].position for i in self._axes], 0)
+                self._idle_since = (cycle, self._stream.cycle)
+                return
+            if self._path is not None and not self._host._cyclic:
+                self._path.pump()
+            if self._path is not None and self._path.state in _OVER:
+                if self._path.state is not PathState.DONE:
+                    self._path._raise()
+                played = self._begin + (self._ends[-1] if self._ends else 0)
+                self._path = None
+                if len(self._ends) > self._firm:  # the brake was played
+                    here = [frame.axes[i].position for i in self._axes]
+                    self._stream.rested(here, played)
+                self._idle_since = (cycle, self._stream.cycle)
+            if self._path is None:
+                self._from_rest(cycle)
+                return
+            if self._played() + self._ahead >= self._begin + self._ends[self._firm - 1]:
+                self._go_on()
+
+    def _played(self) -> int:
+        """The stream's cycle of the present command."""
+        assert self._path is not None
+        progress = self._path.progress
+        if progress.point == 0:
+            return self._begin
+        before = self._ends[progress.point - 2] if progress.point > 1 else 0
+        return self._begin + before + round(progress.time / self._T)
+
+    def _from_rest(self, cycle: int) -> None:
+        since, at = self._idle_since
+        now = at + cycle - since
+        if now > self._stream.cycle:
+            made = self._stream.take(now)
+            if not any(self._moves(block) for block in made):
+                return
+        else:
+            return
+        first = next(i for i, block in enumerate(made) if self._moves(block))
+        blocks = made[first:]
+        enough = blocks[0].first_cycle + 2 * self._ahead
+        if self._stream.cycle < enough and not self._stream.done:
+            blocks += self._stream.take(enough)
+        self._begin, self._ends = blocks[0].first_cycle, []
+        self._replaced = None
+        self._path = self._host.follow(self._with_brake(blocks, 0), axes=self._axes)
+
+    def _go_on(self) -> None:
+        """Replace the brake by the next piece and another brake."""
+        assert self._path is not None
+        made = self._stream.take(
+            max(self._stream.cycle, self._played() + self._ahead) + self._ahead
+        )
+        if not made or not self._moves(made[0]):
+            return
+        self._ends = self._ends[: self._firm]
+        at = self._firm + 1
+        before = self._path
+        try:
+            self._path = before.splice(self._with_brake(made, self._firm), at)
+            self._replaced = before
+        except InputError:
+            self._replaced = before
+            self._lose()
+
+    def _lose(self) -> None:
+        """Too late for the next piece: come to rest, then go on from there."""
+        assert self._path is not None
+        assert self._replaced is not None
+        self._path.cancel()
+        self._replaced.cancel()
+        self._lost = True
+
+    def _moves(self, block: Followed) -> bool:
+        return bool(block.jerk.any())
+
+    def _with_brake(self, blocks: list[Followed], first: int) -> list[Followed]:
+        """Numbered from way-point ``first`` of the path on; the brake behind, if it moves."""
+        knot = Knot.of(blocks[-1])
+        self._firm = first + sum(len(block) for block in blocks)
+        if knot.moving:
+            blocks = [*blocks, brake(knot, self._limits, self._T)]
+        found = []
+        cycle = self._ends[-1] if self._ends else 0
+        for block in blocks:
+            found.append(replace(block, first=first, first_cycle=cycle))
+            for cycles in block.cycles.tolist():
+                cycle += int(cycles)
+                self._ends.append(cycle)
+            first += len(block)
+        return found

@@ -1,0 +1,1 @@
+"""What commands and reads a running kernel."""

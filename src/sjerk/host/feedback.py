@@ -1,0 +1,245 @@
+"""What a kernel publishes every cycle, to be read: axes, states, and the cycle-time report.
+
+Never here: commands, equations, layouts.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any
+
+from sjerk._binding import ffi, lib
+from sjerk.cia402 import State as DriveState
+from sjerk.cycle.states import AxisState
+from sjerk.host.timing import ClockReport, Distribution, Timing
+from sjerk.profile import Limits
+
+
+class PathState(IntEnum):
+    """What a path in the kernel does, or what has become of it."""
+
+    SENT = lib.SJ_PATH_NONE
+    RUNS = lib.SJ_PATH_RUNS
+    PAUSED = lib.SJ_PATH_PAUSED
+    STARVES = lib.SJ_PATH_STARVES
+    STOPS = lib.SJ_PATH_STOPS
+    DONE = lib.SJ_PATH_DONE
+    STOPPED = lib.SJ_PATH_STOPPED
+    LEFT = lib.SJ_PATH_LEFT
+    REFUSED = 8
+    SUPERSEDED = 9
+
+
+@dataclass(frozen=True)
+class PathFeedback:
+    """The path in play, or the last one, in one cycle.
+
+    ``point``: the way-point ahead; ``time`` (s): passed since the one before, in the path's own
+    time; ``speed``: 1 as planned; ``known``: the last way-point that the kernel has.
+    """
+
+    goal_id: int
+    state: PathState
+    axes: tuple[int, ...]
+    point: int
+    time: float
+    speed: float
+    known: int
+
+
+@dataclass(frozen=True)
+class AxisFeedback:
+    """One axis in one cycle; positions in axis units, time in seconds.
+
+    ``position`` to ``jerk`` are the commanded sample, ``peak_*`` the largest magnitudes of it since
+    the last goal came, ``actual_*`` the encoder's. ``settled``: the goal has been reached.
+    ``following_error`` is the drive's own (60F4h,
+    increments). ``limits`` are those in force, with the position limits; ``wrap`` axis units make
+    one turn, 0 for none.
+    """
+
+    position: float
+    velocity: float
+    acceleration: float
+    jerk: float
+    actual_position: float
+    actual_velocity: float
+    peak_velocity: float
+    peak_acceleration: float
+    peak_jerk: float
+    goal: float
+    goal_id: int
+    target_counts: int
+    actual_counts: int
+    following_error: int
+    statusword: int
+    error_code: int
+    moving: bool
+    settled: bool
+    follows: bool
+    enabled: bool
+    fault: bool
+    state: AxisState
+    limits: Limits
+    unit: str
+    wrap: float
+
+    @property
+    def turned(self) -> float:
+        """The commanded position within one turn, 0 .. ``wrap``; ``position`` without a wrap."""
+        return self.position % self.wrap if self.wrap else self.position
+
+    @property
+    def drive_state(self) -> DriveState:
+        """The drive's state by its statusword."""
+        return DriveState.of(self.statusword)
+
+
+class Feedback:
+    """One frame of the kernel's feedback: all axes in the same cycle."""
+
+    def __init__(self, frame: Any, cycle_time: float) -> None:
+        """Not for callers: ``Host.feedback`` makes it from a private copy of the frame."""
+        self._frame = frame
+        self.cycle_time = cycle_time
+        self.cycle = int(frame.cycle)
+        self.time_ns = int(frame.time_ns)
+        self.override = float(frame.override)
+        self.hold = bool(frame.hold)
+        self.axes = tuple(_axis_feedback(frame.axis[i], cycle_time) for i in range(frame.axes))
+        self.path = _path_feedback(frame.path, cycle_time)
+
+    def __repr__(self) -> str:
+        return f"Feedback(cycle={self.cycle}, axes={self.axes!r})"
+
+    @property
+    def moving(self) -> bool:
+        """Whether any axis moves."""
+        return any(axis.moving for axis in self.axes)
+
+    @property
+    def timing(self) -> Timing:
+        """The cycle-time report from the kernel's start up to this cycle."""
+        return self._timing(None)
+
+    def timing_since(self, earlier: Feedback) -> Timing:
+        """The cycle-time report of the cycles after ``earlier``, a frame of the same kernel."""
+        return self._timing(earlier._frame)
+
+    def _timing(self, since: Any) -> Timing:
+        frame = self._frame
+        latency, period, computing = (
+            Distribution.of(getattr(frame, name), None if since is None else getattr(since, name))
+            for name in ("latency", "period", "computing")
+        )
+        late = int(frame.late) - (0 if since is None else int(since.late))
+        return Timing(latency, period, computing, late, ClockReport.of(frame.clock))
+
+
+def limits_of(raw: Any, T: float) -> Limits:
+    """The limits in force of a ``sj_axis_feedback``, per second."""
+    own = raw.limits
+    free = raw.position_min == -math.inf and raw.position_max == math.inf
+    return Limits(
+        own.velocity / T,
+        own.acceleration / T**2,
+        own.jerk / T**3,
+        deceleration=own.deceleration / T**2,
+        deceleration_jerk=own.deceleration_jerk / T**3,
+        position=None if free else (raw.position_min, raw.position_max),
+    )
+
+
+class EventKind(IntEnum):
+    """What an event is about; ``Event.code`` and ``Event.value`` depend on it."""
+
+    GOAL = lib.SJ_EVENT_GOAL
+    STATE = lib.SJ_EVENT_STATE
+    HOST = lib.SJ_EVENT_HOST
+    SPOILT = lib.SJ_EVENT_SPOILT
+    FAULT = lib.SJ_EVENT_FAULT
+    FOLLOWING = lib.SJ_EVENT_FOLLOWING
+    LATE = lib.SJ_EVENT_LATE
+    ANCHOR = lib.SJ_EVENT_ANCHOR
+    LIMITS = lib.SJ_EVENT_LIMITS
+    PATH = lib.SJ_EVENT_PATH
+    REACHED = lib.SJ_EVENT_REACHED
+    SYNC = lib.SJ_EVENT_SYNC
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something that happened in a cycle of the kernel.
+
+    ``axis`` is None for all. ``code``: of a goal or of limits the ``enum sj_result``, of a state
+    the new ``AxisState``, of a path the new ``PathState``, of a fault the drive's 603Fh (-1: homing
+    failed). ``value``: the state before, the way-point ahead, the following error (axis unit), or
+    how many cycles were late. REACHED: in the frame ``cycle`` all axes of ``goal_id`` are on their
+    goals, to the last bit.
+    """
+
+    cycle: int
+    kind: EventKind
+    axis: int | None
+    code: int
+    value: float
+    goal_id: int
+
+    def __str__(self) -> str:
+        where = "" if self.axis is None else f" axis {self.axis}"
+        what = str(self.code)
+        if self.kind is EventKind.STATE:
+            what = AxisState(self.code).name
+        elif self.kind is EventKind.PATH:
+            what = PathState(self.code).name
+        return f"cycle {self.cycle}{where}: {self.kind.name} {what} {self.value:g}"
+
+    @classmethod
+    def of(cls, raw: Any) -> Event:
+        """Read a ``sj_kernel_event``."""
+        axis = None if raw.axis < 0 else int(raw.axis)
+        return cls(raw.cycle, EventKind(raw.kind), axis, raw.code, raw.value, raw.goal_id)
+
+
+def _path_feedback(raw: Any, T: float) -> PathFeedback:
+    return PathFeedback(
+        goal_id=int(raw.goal_id),
+        state=PathState(raw.state),
+        axes=tuple(i for i in range(lib.SJ_AXES) if raw.axes >> i & 1),
+        point=int(raw.number),
+        time=raw.cycle * T,
+        speed=raw.speed,
+        known=int(raw.known),
+    )
+
+
+def _axis_feedback(raw: Any, T: float) -> AxisFeedback:
+    return AxisFeedback(
+        position=raw.position,
+        velocity=raw.velocity / T,
+        acceleration=raw.acceleration / T**2,
+        jerk=raw.jerk / T**3,
+        actual_position=raw.actual_position,
+        actual_velocity=raw.actual_velocity / T,
+        peak_velocity=raw.peak_velocity / T,
+        peak_acceleration=raw.peak_acceleration / T**2,
+        peak_jerk=raw.peak_jerk / T**3,
+        goal=raw.goal,
+        goal_id=raw.goal_id,
+        target_counts=raw.target_counts,
+        actual_counts=raw.actual_counts,
+        following_error=raw.following_error,
+        statusword=raw.statusword,
+        error_code=raw.error_code,
+        moving=bool(raw.moving),
+        settled=bool(raw.settled),
+        follows=bool(raw.follows),
+        enabled=bool(raw.enabled),
+        fault=bool(raw.fault),
+        state=AxisState(raw.state),
+        limits=limits_of(raw, T),
+        unit=ffi.string(raw.unit).decode(),
+        wrap=raw.wrap,
+    )

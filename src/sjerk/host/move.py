@@ -1,0 +1,193 @@
+"""The handle of one commanded motion, direct or queued: what has become of it.
+
+Never here: what is commanded, planning, the layout of the memory.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Generator, Mapping
+from enum import Enum
+from typing import Any
+
+from sjerk._binding import lib
+from sjerk.errors import MotionStoppedError, SupersededError
+from sjerk.host.commander import Commander
+from sjerk.host.feedback import limits_of
+from sjerk.profile import Limits, State
+
+
+class MoveState(Enum):
+    """What has become of a move."""
+
+    SENT = "sent"
+    QUEUED = "queued"
+    MOVING = "moving"
+    DONE = "done"
+    STOPPED = "stopped"
+    SUPERSEDED = "superseded"
+    REFUSED = "refused"
+
+
+def _reached(axis: Any, goal: State, known: bool) -> bool:
+    """On the goal; or past it, still with the velocity that was asked for."""
+    return bool(axis.settled or (known and not axis.moving and axis.position == goal.position))
+
+
+_OPEN = (MoveState.SENT, MoveState.QUEUED, MoveState.MOVING)
+
+
+class Move:
+    """Handle of one commanded motion; ``await move`` does what ``wait`` does."""
+
+    def __init__(
+        self,
+        host: Commander,
+        goal_id: int,
+        targets: dict[int, State],
+        *,
+        known: bool = True,
+        number: int = 0,
+        limits: Mapping[int, Limits] | None = None,
+    ) -> None:
+        """Not for callers: ``Host.move`` makes it.
+
+        ``known``: the targets are positions. ``number``: in the look-ahead ring, of a queued move.
+        ``limits``: what was asked for, by axis.
+        """
+        self._limits = limits or {}
+        self._number = number
+        self._host = host
+        self._goal_id = goal_id
+        self._targets = targets
+        self._known = known
+
+    @property
+    def targets(self) -> dict[int, State]:
+        """Goal by axis number; of a relative move the distance, of a jog the velocity."""
+        return dict(self._targets)
+
+    @property
+    def state(self) -> MoveState:
+        """What has become of it, by the newest feedback."""
+        return self._state(self._host._frame())
+
+    @property
+    def position(self) -> dict[int, float]:
+        """Commanded position by axis number, axis units."""
+        frame = self._host._frame()
+        return {i: float(frame.axis[i].position) for i in self._targets}
+
+    def _state(self, frame: Any) -> MoveState:
+        host, queued = self._host, self._number > 0
+        if not queued and frame.result_goal_id < self._goal_id:
+            return MoveState.SENT
+        result = host._result(self._goal_id, frame)
+        if result is None:
+            if queued:
+                return self._unanswered()
+            return MoveState.SUPERSEDED  # overwritten before the kernel saw it
+        if result[0] != lib.SJ_RESULT_ACCEPTED:
+            never = {lib.SJ_RESULT_SUPERSEDED: MoveState.SUPERSEDED}
+            if queued:
+                never[lib.SJ_RESULT_STOPPED] = MoveState.STOPPED
+            return never.get(result[0], MoveState.REFUSED)
+        axes = [frame.axis[i] for i in self._targets]
+        if host._was_reached(self._goal_id):
+            return MoveState.DONE
+        if any(axis.goal_id > self._goal_id for axis in axes):
+            return MoveState.SUPERSEDED
+        if any(axis.goal_id < self._goal_id for axis in axes):
+            return MoveState.MOVING  # its answer is newer than the frame
+        if all(
+            _reached(a, goal, self._known)
+            for a, goal in zip(axes, self._targets.values(), strict=True)
+        ):
+            return MoveState.DONE
+        return MoveState.MOVING if any(a.moving for a in axes) else MoveState.STOPPED
+
+    def _unanswered(self) -> MoveState:
+        """Of a queued move that the kernel has not begun, and not refused."""
+        if self._number <= self._host._flushed:
+            return MoveState.STOPPED
+        taken = lib.sj_ring_taken(self._host._segment.base) >= self._number
+        return MoveState.QUEUED if taken else MoveState.SENT
+
+    @property
+    def done(self) -> bool:
+        """Whether the command has settled on the goal, or passed it for a queued move."""
+        return self.state is MoveState.DONE
+
+    def accepted(self, timeout: float | None = 5.0) -> None:
+        """Return when the kernel has taken it; raises as ``wait`` does."""
+        self._host._wait_until(
+            lambda frame: self._state(frame) not in (MoveState.SENT, MoveState.QUEUED),
+            timeout,
+            "an answer",
+        )
+        self._raise()
+
+    def taken(self, timeout: float | None = 5.0) -> None:
+        """Return when the kernel has it, moving or in its queue; raises as ``wait`` does."""
+        self._host._wait_until(
+            lambda frame: self._state(frame) is not MoveState.SENT, timeout, "an answer"
+        )
+        self._raise()
+
+    def cancel(self) -> None:
+        """Halt the axes of this move, together; nothing if it is over or replaced.
+
+        A queued move and all behind it on its axes are not begun; the one before comes to rest on
+        its goal. Where it is already so near that it passes, it comes to rest behind it.
+        """
+        if self._number and self.state in (MoveState.SENT, MoveState.QUEUED):
+            self._host._cancel(self._number, self._targets)
+        if self.state is MoveState.MOVING or (not self._number and self.state is MoveState.SENT):
+            self._host._count("halts", self._targets)
+
+    def wait(self, timeout: float | None = None) -> None:
+        """Return when the command has settled on the goal.
+
+        Raises RefusedError (with the reason), SupersededError (a newer goal), MotionStoppedError
+        (stopped on the way), KernelGoneError, TimeoutError.
+        """
+        where = ", ".join(f"{goal.position!r} (axis {i})" for i, goal in self._targets.items())
+        self._host._wait_until(
+            lambda frame: self._state(frame) not in _OPEN, timeout, f"move to {where}"
+        )
+        self._raise()
+
+    def _above(self, code: int, axis: int, frame: Any) -> str:
+        """Which limit was asked for beyond the one that the axis has in the kernel."""
+        asked = self._limits.get(axis)
+        if code != lib.SJ_RESULT_LIMITS or asked is None:
+            return ""
+        own = limits_of(frame.axis[axis], self._host._T)
+        for name in ("velocity", "acceleration", "jerk", "deceleration", "deceleration_jerk"):
+            value, most = getattr(asked, name), getattr(own, name)
+            if value > most * (1.0 + 1e-12):
+                return f"{name} {value:g}, it has {most:g}"
+        return ""
+
+    def __await__(self) -> Generator[Any, None, None]:
+        return self._settle().__await__()
+
+    async def _settle(self) -> None:
+        while self.state in _OPEN:
+            self._host._alive("a move")
+            await asyncio.sleep(1e-3)
+        self._raise()
+
+    def _raise(self) -> None:
+        frame = self._host._frame()
+        state = self._state(frame)
+        if state is MoveState.REFUSED:
+            code, axis = self._host._result(self._goal_id, frame) or (0, -1)
+            raise self._host._refusal(code, axis, self._above(code, axis, frame))
+        if state is MoveState.SUPERSEDED:
+            raise SupersededError(self.position)
+        if state is MoveState.STOPPED:
+            axes = {i: frame.axis[i] for i in self._targets}
+            raise MotionStoppedError(
+                self.position, {i: int(axis.error_code) for i, axis in axes.items() if axis.fault}
+            )

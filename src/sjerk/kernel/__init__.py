@@ -1,0 +1,1 @@
+"""A kernel: its axes, its process, its clock, its file of settings."""

@@ -1,0 +1,1 @@
+"""Plans from any state to any target, for one axis and for many."""

@@ -1,0 +1,175 @@
+/* Planning requests as callers have them: between samples, for several axes, for many.
+ *
+ * The half-cycle lemma turns samples into the plan's states; _profile.c plans. Here is how axes share
+ * a motion: each for itself, all in the same cycle, or all in the same phases. Pure, no allocation.
+ */
+#include <math.h>   /* fabs, fmin */
+#include <stddef.h>
+#include <stdint.h>
+#include "planner/_planner.h"
+#include "base/_continuous.h" /* from samples to the continuous motion, exactly */
+
+/* From sample to sample, no jerk before the start; SI units of time, limits per cycle. The lemma in
+ * plain doubles: what that rounds is far below what the interpolator takes out exactly. */
+static sj_request between(double T, const sj_state *from, const sj_state *to)
+{
+    double v = from->velocity * T, a = from->acceleration * T * T, v1 = to->velocity * T;
+    return (sj_request){(to->position - from->position) - 0.5 * (v1 + v) + a / 12.0,
+                        v + 0.5 * a, a, v1};
+}
+
+/* Rest to rest on a straight line: one profile of the way from 0 to 1 under the limits that the
+ * tightest axis leaves, scaled to each axis. 1 if it could be done. */
+static int32_t in_phase(int32_t n, const sj_request *request, const sj_limits *limits,
+                        int64_t least_cycles, sj_plan *plans, int32_t *status)
+{
+    sj_limits way = {INFINITY, INFINITY, INFINITY, INFINITY, INFINITY};
+    sj_plan plan;
+    for (int32_t i = 0; i < n; i++) {
+        double h = fabs(request[i].distance);
+        if (request[i].v0 != 0.0 || request[i].a0 != 0.0 || request[i].v1 != 0.0)
+            return 0;
+        if (h == 0.0)
+            continue;
+        way.velocity = fmin(way.velocity, limits[i].velocity / h);
+        way.acceleration = fmin(way.acceleration, limits[i].acceleration / h);
+        way.jerk = fmin(way.jerk, limits[i].jerk / h);
+        way.deceleration = fmin(way.deceleration, limits[i].deceleration / h);
+        way.deceleration_jerk = fmin(way.deceleration_jerk, limits[i].deceleration_jerk / h);
+    }
+    if (isinf(way.velocity))
+        return 0; /* nothing moves */
+    *status = sj_plan_move(1.0, 0.0, 0.0, 0.0, &way, &plan);
+    if (*status == SJ_PLAN_OK && plan.cycles < least_cycles)
+        *status = sj_plan_duration(1.0, 0.0, 0.0, 0.0, &way, least_cycles, &plan);
+    for (int32_t i = 0; i < n && *status == SJ_PLAN_OK; i++) {
+        plans[i] = plan;
+        for (int32_t k = 0; k < plan.count; k++)
+            plans[i].phase[k].jerk *= request[i].distance;
+    }
+    return 1;
+}
+
+static int32_t each_for_itself(int32_t n, const sj_request *request, const sj_limits *limits,
+                               int64_t least_cycles, sj_plan *plans)
+{
+    for (int32_t i = 0; i < n; i++) {
+        const sj_request *r = &request[i];
+        int32_t status = sj_plan_move(r->distance, r->v0, r->a0, r->v1, &limits[i], &plans[i]);
+        if (status == SJ_PLAN_OK && plans[i].cycles < least_cycles) {
+            status = sj_plan_duration(r->distance, r->v0, r->a0, r->v1, &limits[i], least_cycles,
+                                      &plans[i]);
+            if (status == SJ_PLAN_BLOCKED) /* holds the next length that works */
+                status = SJ_PLAN_OK;
+        }
+        if (status != SJ_PLAN_OK)
+            return status;
+    }
+    return SJ_PLAN_OK;
+}
+
+/* Returns SJ_PLAN_...; *synchronization becomes what was done: phase falls back to time. */
+int32_t sj_plan_axes(int32_t n, const sj_request *request, const sj_limits *limits,
+                     int64_t least_cycles, int32_t *synchronization, sj_plan *plans)
+{
+    int32_t status;
+    if (*synchronization == SJ_SYNC_PHASE) {
+        if (in_phase(n, request, limits, least_cycles, plans, &status))
+            return status;
+        *synchronization = SJ_SYNC_TIME;
+    }
+    if (*synchronization == SJ_SYNC_NONE || n == 1)
+        return each_for_itself(n, request, limits, least_cycles, plans);
+    return sj_plan_together(n, request, limits, least_cycles, plans);
+}
+
+int32_t sj_plan_samples(int32_t n, double cycle_time_s, const void *states, const void *limits,
+                        const void *unit, int64_t least_cycles, int32_t *synchronization,
+                        sj_plan *plans)
+{
+    const sj_state *start = states, *end = start + n;
+    const sj_limits *limit = limits, *one = unit;
+    sj_request request[SJ_AXES];
+    sj_limits per_cycle[SJ_AXES];
+    if (n < 1 || n > SJ_AXES)
+        return SJ_PLAN_INVALID;
+    for (int32_t i = 0; i < n; i++) {
+        if (end[i].acceleration != 0.0)
+            return SJ_PLAN_INVALID;
+        request[i] = between(cycle_time_s, &start[i], &end[i]);
+        per_cycle[i] = (sj_limits){limit[i].velocity * one->velocity,
+                                   limit[i].acceleration * one->acceleration,
+                                   limit[i].jerk * one->jerk,
+                                   limit[i].deceleration * one->deceleration,
+                                   limit[i].deceleration_jerk * one->deceleration_jerk};
+    }
+    return sj_plan_axes(n, request, per_cycle, least_cycles, synchronization, plans);
+}
+
+/* One axis. */
+int32_t sj_plan_sample(double cycle_time_s, const void *from, const void *to, const void *limits,
+                       sj_plan *plan)
+{
+    const sj_state *end = to;
+    sj_request r = between(cycle_time_s, from, end);
+    if (end->acceleration != 0.0)
+        return SJ_PLAN_INVALID;
+    return sj_plan_move(r.distance, r.v0, r.a0, r.v1, limits, plan);
+}
+
+/* A change of velocity from a sample; *end is where the settled sample is. */
+int32_t sj_plan_sample_velocity(double cycle_time_s, const void *from, double v1,
+                                const void *limits, sj_plan *plan, double *end)
+{
+    const double T = cycle_time_s;
+    const sj_state *start = from;
+    continuous at = lemma(exact_of(start->position), exact_of(start->velocity * T),
+                          exact_of(start->acceleration * T * T), exact_of(0.0));
+    int32_t status = sj_plan_velocity(at.V.hi, at.A.hi, v1 * T, limits, plan);
+    if (status != SJ_PLAN_OK)
+        return status;
+    /* Eqs. (2), (3), (5) along the phases */
+    for (int32_t i = 0; i < plan->count; i++) {
+        double n = (double)plan->phase[i].cycles;
+        sj_exact j = exact_of(plan->phase[i].jerk), n2 = exact_two_product(n, n);
+        at.P = exact_add(at.P, exact_scale(at.V, n));
+        at.P = exact_add(at.P, exact_half(exact_multiply(at.A, n2)));
+        at.P = exact_add(at.P, exact_divide(exact_multiply(exact_scale(j, n), n2), 6.0));
+        at.V = exact_add(at.V, exact_add(exact_scale(at.A, n), exact_half(exact_multiply(j, n2))));
+        at.A = exact_add(at.A, exact_scale(j, n));
+    }
+    *end = exact_add(at.P, exact_of(0.5 * v1 * T)).hi;
+    return SJ_PLAN_OK;
+}
+
+static sj_state row_state(const double *row, int64_t columns)
+{
+    return (sj_state){row[0], columns > 1 ? row[1] : 0.0, columns > 2 ? row[2] : 0.0};
+}
+
+/* n independent axes: requests in rows of 1 to 3 columns (position, velocity, acceleration);
+ * limits_step 0 for one Limits for all, 1 for one each. `phases` has room for SJ_PHASES of each, from
+ * index `first` on. Stops at the first request that fails and tells its row. */
+int32_t sj_plan_rows(int64_t n, double cycle_time_s, const double *from, int64_t from_columns,
+                     const double *to, int64_t to_columns, const sj_limits *limits,
+                     int64_t limits_step, sj_row *rows, sj_phase *phases, int64_t first,
+                     int64_t *failed)
+{
+    for (int64_t i = 0; i < n; i++) {
+        sj_plan plan;
+        sj_state start = row_state(from + i * from_columns, from_columns);
+        sj_state end = row_state(to + i * to_columns, to_columns);
+        sj_request r = between(cycle_time_s, &start, &end);
+        int32_t status = sj_plan_move(r.distance, r.v0, r.a0, r.v1, limits + i * limits_step,
+                                      &plan);
+        if (status != SJ_PLAN_OK) {
+            *failed = i;
+            return status;
+        }
+        rows[i] = (sj_row){plan.cycles, first, plan.count, plan.kind};
+        for (int32_t k = 0; k < plan.count; k++)
+            phases[first + k] = plan.phase[k];
+        first += plan.count;
+    }
+    return SJ_PLAN_OK;
+}

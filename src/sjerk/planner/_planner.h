@@ -1,0 +1,76 @@
+/* The planner from any state to any target, in whole cycles. */
+#pragma once
+#include <stdint.h>
+#include "base/_types.h"
+
+/* The bound of the work of one plan: steps of any root, lengths tried in any search; and rounds of a
+ * synchronisation. No recursion beyond one level, no allocation. */
+enum { SJ_ROOT_STEPS = 40, SJ_LENGTH_STEPS = 6, SJ_SYNC_ROUNDS = 10 };
+
+enum sj_plan_status {
+    SJ_PLAN_OK = 0,
+    SJ_PLAN_INVALID = 1,                /* a number that is none, a limit <= 0, |v1| > velocity */
+    SJ_PLAN_TOO_LONG = 2,               /* more than SJ_CYCLES_MAX cycles */
+    SJ_PLAN_BLOCKED = 3                 /* none of exactly this length; the plan is the next longer */
+};
+
+enum sj_plan_kind {                     /* how it was found */
+    SJ_PLAN_WAIT = 0,                   /* nothing to do, or waiting only */
+    SJ_PLAN_CRUISE = 1,                 /* ramp, cruise, ramp: seven phases */
+    SJ_PLAN_EASE = 2,                   /* braking eased for a while; no zero of the acceleration */
+    SJ_PLAN_MIX = 3,                    /* convex mix of a plan too short and one too far */
+    SJ_PLAN_STOP = 4,                   /* stop first, then from rest: the last resort */
+    SJ_PLAN_RAMP = 5,                   /* change of velocity only */
+    SJ_PLAN_RETURN = 8                  /* added: the start was outside its limits */
+};
+
+/* From the continuous state (0, v0, a0) to (h, v1, 0), as soon as possible. */
+int32_t sj_plan_move(double h, double v0, double a0, double v1, const sj_limits *limits,
+                     sj_plan *plan);
+/* From (v0, a0) to (v1, 0), as soon as possible, wherever that is. */
+int32_t sj_plan_velocity(double v0, double a0, double v1, const sj_limits *limits, sj_plan *plan);
+/* Whether whole cycles can keep the velocity limit from (v, a), its acceleration "up". */
+int32_t sj_plan_keeps(double v, double a, const sj_limits *limits);
+/* As sj_plan_move, in exactly this many cycles. */
+int32_t sj_plan_duration(double h, double v0, double a0, double v1, const sj_limits *limits,
+                         int64_t cycles, sj_plan *plan);
+
+typedef struct {
+    double distance, v0, a0, v1;        /* continuous, per cycle */
+} sj_request;
+
+/* n axes, SJ_AXES at most, in the same and fewest cycles, at least `cycles`. */
+int32_t sj_plan_together(int32_t n, const sj_request *requests, const sj_limits *limits,
+                         int64_t cycles, sj_plan *plans);
+
+/* Requests between samples, for several axes and for many (_planning.c). */
+enum sj_synchronization {
+    SJ_SYNC_NONE = 0,                   /* each axis as soon as it can */
+    SJ_SYNC_TIME = 1,                   /* all axes arrive in the same cycle */
+    SJ_SYNC_PHASE = 2                   /* the same phases: rest to rest on a straight line */
+};
+
+int32_t sj_plan_axes(int32_t n, const sj_request *request, const sj_limits *limits,
+                     int64_t least_cycles, int32_t *synchronization, sj_plan *plans);
+/* States and limits as memory of sj_state and sj_limits, since Python passes joined bytes: n starts and
+ * n targets; n limits, and what one of each of their numbers is per cycle. */
+int32_t sj_plan_samples(int32_t n, double cycle_time_s, const void *states, const void *limits,
+                        const void *unit, int64_t least_cycles, int32_t *synchronization,
+                        sj_plan *plans);
+int32_t sj_plan_sample(double cycle_time_s, const void *from, const void *to, const void *limits,
+                       sj_plan *plan);
+int32_t sj_plan_sample_velocity(double cycle_time_s, const void *from, double v1,
+                                const void *limits, sj_plan *plan, double *end);
+/* One of many plans: its phases lie behind those of the plan before it, so that memory is touched
+ * once only. */
+typedef struct {
+    int64_t cycles;
+    int64_t first;                      /* index of its first phase */
+    int32_t count;                      /* phases used */
+    int32_t kind;                       /* enum sj_plan_kind */
+} sj_row;
+
+int32_t sj_plan_rows(int64_t n, double cycle_time_s, const double *from, int64_t from_columns,
+                     const double *to, int64_t to_columns, const sj_limits *limits,
+                     int64_t limits_step, sj_row *rows, sj_phase *phases, int64_t first,
+                     int64_t *failed);

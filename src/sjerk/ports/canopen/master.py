@@ -1,0 +1,172 @@
+"""A kernel as the master of CANopen drives: process image by PDO around SYNC (extra ``canopen``).
+
+`Master.exchange` is one cycle on the bus: targets out, SYNC, what the drives say in; `Master.run`
+paces it by the clock together with `MotionKernel.step`. The drives watch the master's heartbeat
+(1016h) and act by 6007h when it stays away. Never here: motion, a real-time bus: Python and
+python-can decide how punctual a cycle is.
+"""
+
+from __future__ import annotations
+
+import struct
+import time
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from sjerk.errors import InputError, SjerkError, positive
+from sjerk.kernel.kernel import MotionKernel
+from sjerk.ports.canopen.node import sender
+
+#: Node number under which the master's heartbeat is sent.
+MASTER = 127
+#: Cycles in a row without an answer before an axis counts as lost.
+PATIENCE = 3
+
+_ANSWER_S = 2.0
+_OUT = struct.Struct("<Hbi")  # 6040h, 6060h, 607Ah
+_IN = struct.Struct("<Hbi")  # 6041h, 6061h, 6064h
+_MORE = struct.Struct("<ihH")  # 606Ch, 6077h, 603Fh
+
+
+class SdoClient:
+    """Expedited SDO transfers with one node; frames of others on the way are dropped."""
+
+    def __init__(self, bus: Any, node: int) -> None:
+        """Ask ``node`` on a bus of python-can."""
+        self._bus, self._node, self._send = bus, node, sender(bus)
+
+    def write(self, index: int, sub: int, data: bytes) -> None:
+        """Write up to four bytes; SjerkError with the abort code, or for no answer."""
+        head = bytes((0x23 | (4 - len(data)) << 2, index & 0xFF, index >> 8, sub))
+        self._ask(head + data.ljust(4, b"\0"))
+
+    def read(self, index: int, sub: int = 0) -> bytes:
+        """Read up to four bytes; raises as ``write``."""
+        answer = self._ask(bytes((0x40, index & 0xFF, index >> 8, sub)) + bytes(4))
+        return answer[4 : 8 - (answer[0] >> 2 & 3)]
+
+    def _ask(self, request: bytes) -> bytes:
+        place = request[1:4]
+        name = f"node {self._node}, {place[1]:02X}{place[0]:02X}h:{place[2]}"
+        self._send(0x600 + self._node, request)
+        end = time.monotonic() + _ANSWER_S
+        while (left := end - time.monotonic()) > 0.0:
+            frame = self._bus.recv(left)
+            if frame is None or frame.arbitration_id != 0x580 + self._node:
+                continue
+            answer = bytes(frame.data)
+            if len(answer) != 8 or answer[1:4] != place:
+                continue
+            if answer[0] >> 5 == 4:
+                raise SjerkError(f"{name}: abort {int.from_bytes(answer[4:], 'little'):08X}h")
+            return answer
+        raise SjerkError(f"{name}: no answer")
+
+
+class Master:
+    """The drives of a kernel's external axes on one bus of python-can.
+
+    ``nodes``: node number by axis. The drives keep the default mapping of ``sjerk drive``.
+    ``heartbeat``: seconds between the master's, watched by the drives for ``lost`` times that.
+    ``abort_option``: 6007h of the drives, what they do without their master (1 fault, 2 disable
+    voltage, 3 quick stop). Raises InputError; SjerkError where a node does not answer.
+    """
+
+    def __init__(
+        self,
+        kernel: MotionKernel,
+        bus: Any,
+        nodes: Mapping[int, int],
+        *,
+        heartbeat: float = 0.05,
+        lost: int = 5,
+        abort_option: int = 1,
+    ) -> None:
+        """Set the drives up by SDO and start them; none is enabled by this."""
+        for axis, node in nodes.items():
+            if not 0 <= axis < len(kernel.axes) or kernel.axes[axis].drive != "external":
+                raise InputError("nodes", axis, "must be numbers of external axes")
+            if not 1 <= node < MASTER:
+                raise InputError(f"nodes[{axis}]", node, f"must lie in 1 .. {MASTER - 1}")
+        if len(set(nodes.values())) != len(nodes):
+            raise InputError("nodes", dict(nodes), "must be a node of its own for each axis")
+        self._kernel, self._bus, self._nodes = kernel, bus, dict(nodes)
+        self._axis_of = {node: axis for axis, node in nodes.items()}
+        self._send = sender(bus)
+        self._image = kernel.image
+        self._heartbeat = positive("heartbeat", heartbeat)
+        self._beat_due = time.monotonic()
+        self._missed = dict.fromkeys(nodes, 0)
+        watch = MASTER << 16 | min(0xFFFF, max(1, round(1e3 * heartbeat * lost)))
+        value, power = _interval(kernel.cycle_time)
+        for node in nodes.values():
+            self._send(0x000, bytes((0x80, node)))  # pre-operational
+            sdo = SdoClient(bus, node)
+            sdo.write(0x60C2, 1, struct.pack("<B", value))
+            sdo.write(0x60C2, 2, struct.pack("<b", power))
+            sdo.write(0x6007, 0, struct.pack("<h", abort_option))
+            sdo.write(0x1801, 1, struct.pack("<I", 0x40000280 + node))
+            sdo.write(0x1016, 1, struct.pack("<I", watch))
+        self._beat()
+        for node in nodes.values():
+            self._send(0x000, bytes((0x01, node)))
+        self._kernel.step()  # outputs that enable nothing, before the first exchange
+
+    def exchange(self, timeout: float) -> None:
+        """Send the outputs and SYNC, take the inputs that come within ``timeout`` (s).
+
+        It returns as soon as all have come. An axis that does not answer ``PATIENCE`` times in a
+        row is stale until it does.
+        """
+        out = self._image.outputs
+        for axis, node in self._nodes.items():
+            row = out[axis]
+            words = int(row["controlword"]), int(row["mode"]), int(row["target_position"])
+            self._send(0x200 + node, _OUT.pack(*words))
+        self._send(0x080, b"")
+        if time.monotonic() >= self._beat_due:
+            self._beat()
+        waiting, end = set(self._nodes), time.monotonic() + timeout
+        while waiting and (left := end - time.monotonic()) > 0.0:
+            frame = self._bus.recv(left)
+            if frame is not None:
+                self._take(frame.arbitration_id, bytes(frame.data), waiting)
+        for axis in self._nodes:
+            self._missed[axis] = self._missed[axis] + 1 if axis in waiting else 0
+            if self._missed[axis] >= PATIENCE:
+                self._image.stale[axis] = 1
+            elif axis not in waiting:
+                self._image.stale[axis] = 0
+
+    def run(self, stop: Callable[[], bool]) -> None:
+        """Exchange and step in every cycle time, or as fast as the bus allows, until ``stop()``."""
+        due = time.monotonic()
+        while not stop():
+            self.exchange(max(0.05, 4.0 * self._kernel.cycle_time))
+            self._kernel.step()
+            due = max(due + self._kernel.cycle_time, time.monotonic())
+            time.sleep(max(0.0, due - time.monotonic()))
+
+    def _beat(self) -> None:
+        self._send(0x700 + MASTER, b"\x05")
+        self._beat_due = time.monotonic() + self._heartbeat
+
+    def _take(self, identifier: int, data: bytes, waiting: set[int]) -> None:
+        axis = self._axis_of.get(identifier & 0x7F)
+        if axis is None:
+            return
+        row = self._image.inputs[axis]
+        if identifier & 0x780 == 0x180 and len(data) == _IN.size:
+            row["statusword"], row["mode_display"], row["position_actual"] = _IN.unpack(data)
+            waiting.discard(axis)
+        elif identifier & 0x780 == 0x280 and len(data) == _MORE.size:
+            row["velocity_actual"], row["torque_actual"], row["error_code"] = _MORE.unpack(data)
+
+
+def _interval(period_s: float) -> tuple[int, int]:
+    """60C2h of a cycle time; raises InputError for one that it cannot hold."""
+    for power in (-3, -4, -5, -6):
+        value = period_s * 10.0**-power
+        if 1 <= round(value) <= 255 and abs(value - round(value)) < 1e-6:
+            return round(value), power
+    raise InputError("cycle_time", period_s, "60C2h holds 1 .. 255 of 1e-6 .. 1e-3 s")

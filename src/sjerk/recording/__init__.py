@@ -1,0 +1,1 @@
+"""Every cycle to a file, and again from there."""

@@ -1,0 +1,1 @@
+"""Motion through many points."""

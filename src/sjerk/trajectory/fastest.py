@@ -1,0 +1,195 @@
+"""The fastest spline past way-points: a sequence of convex steps.
+
+Each round takes one step in all unknowns, puts every moment where its way-point is nearest, and finds
+control points and pace anew for these moments, which is convex: so every round ends in a motion, and
+is kept only if it is faster. Never here: windows, rows of programmes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from sjerk.profile import FloatArray
+from sjerk.trajectory.programme import Answer, Programme, Task
+from sjerk.trajectory.spline import HALF_CYCLE, Knots, even, take
+
+#: An excess (in tolerances) that is none.
+NONE = 1e-5
+#: A round that gains less is one of the last ones.
+_GAIN = 3e-4
+_ROUNDS = 20
+
+
+def places(knots: Knots, answer: Answer) -> FloatArray:
+    """Where the commanded motion is at the moments (n, J): q = P + 5/24 A."""
+    segment, p, _, a = knots.at(answer.moments)
+    return take(p + HALF_CYCLE / answer.pace**2 * a, segment, answer.control)
+
+
+def nearest(task: Task, knots: Knots, answer: Answer) -> FloatArray:
+    """Each moment to where its way-point is nearest, by Gauss-Newton, while the order is kept."""
+    moments = answer.moments
+    reach = 0.2 * knots.lengths.mean()
+    for _ in range(3):
+        segment, p, v, a = knots.at(moments)
+        gap = (task.points - take(p, segment, answer.control)) / task.unit
+        rate = take(v, segment, answer.control) / task.unit
+        square = (rate**2).sum(axis=1)
+        new = moments + np.clip((gap * rate).sum(axis=1) / np.maximum(square, 1e-300), -reach, reach)
+        new = np.where(square > 1e-12 * square.max(initial=0.0), new, moments)
+        if len(new) == 0 or new[0] <= 0.0 or new[-1] >= knots.duration or (np.diff(new) <= 0.0).any():
+            break
+        moments = new
+    return moments
+
+
+def slowest(task: Task, knots: Knots, moments: FloatArray) -> float:
+    """The pace at which every way-point is reached no sooner than asked."""
+    if task.least is None:
+        return 0.0
+    gaps = np.diff(np.concatenate([[0.0], moments, [knots.duration]]))
+    least = task.least.copy()
+    least[[0, -1]] -= 0.5
+    if task.end is None:
+        gaps, least = gaps[:-1], least[:-1]
+        least[-1] += 0.5 * (len(least) > 1)
+    return float((least / np.maximum(gaps, 1e-12)).max(initial=0.0)) * (1.0 + 1e-12)
+
+
+def settle(task: Task, knots: Knots, answer: Answer, keep: float, most: int) -> Answer | None:
+    """Control points and pace for the moments as they are: the fastest, or None."""
+    least = slowest(task, knots, answer.moments)
+    answer = replace(answer, pace=max(answer.pace, least))
+    for _ in range(most):
+        made = Programme(task, knots, answer, move=False, paced=True).solve(keep=keep, near=1e-7)
+        if made is None:
+            return None
+        if made.pace < least:
+            made = replace(made, pace=least)
+        done = abs(made.pace - answer.pace) < 2e-4 * answer.pace and made.excess < NONE
+        answer = made
+        if done:
+            break
+    return answer if answer.excess <= NONE else None
+
+
+def first_answer(task: Task, knots: Knots, moments: FloatArray, pace: float) -> Answer:
+    """Control points on the lines between the way-points."""
+    rows = [task.start[:1], task.points]
+    ends = [np.zeros(1), moments]
+    if task.end is not None:
+        rows.append(task.end[None])
+        ends.append(np.array([knots.duration]))
+    points, at = np.concatenate(rows), np.concatenate(ends)
+    r = knots.lengths
+    where = np.concatenate([[-r[0]], knots.time, [knots.duration + r[-1]]])
+    control = np.stack([np.interp(where, at, column) for column in points.T], axis=1)
+    return Answer(control, moments, pace, 0.0)
+
+
+def fastest(
+    task: Task, knots: Knots, moments: FloatArray, pace: float, keep: float, rounds: int = _ROUNDS
+) -> tuple[Answer, Answer] | None:
+    """From moments to begin with: the answer for these moments, and the fastest found."""
+    mean = float(knots.lengths.mean())
+    answer = first_answer(task, knots, moments, pace)
+    n = len(moments)
+    reach, still = 0.3 * mean, 0
+    made = settle(task, knots, answer, keep, 25)
+    for _ in range(12):  # not with these moments: move them first
+        if made is not None or n == 0:
+            break
+        step = Programme(task, knots, answer, move=True, paced=True).solve(
+            keep=keep, reach=np.full(n, reach)
+        )
+        if step is None:
+            return None
+        if not _ordered(step.moments, knots):
+            reach *= 0.5
+            continue
+        answer = step
+        slow = replace(answer, pace=answer.pace * 1.02)
+        made = settle(task, knots, replace(slow, moments=nearest(task, knots, slow)), keep, 8)
+        if made is None:
+            made = settle(task, knots, slow, keep, 8)
+    if made is None:
+        return None
+    begun, best = made, made
+    for _ in range(rounds if n else 0):
+        step = Programme(task, knots, best, move=True, paced=True).solve(
+            keep=keep, reach=np.full(n, reach), slower=0.2, near=1e-7
+        )
+        found, share = None, 1.0
+        for share in (1.0, 0.5, 0.25) if step else ():  # along the step, less if that does not help
+            way = Answer(
+                best.control + share * (step.control - best.control),
+                best.moments + share * (step.moments - best.moments),
+                best.pace + share * (step.pace - best.pace),
+                0.0,
+            )
+            if not _ordered(way.moments, knots):
+                continue
+            for moved in (nearest(task, knots, way), way.moments):
+                found = settle(task, knots, replace(way, moments=moved), keep, 3)
+                if found is not None and found.pace < best.pace:
+                    break
+            if found is not None and found.pace < best.pace:
+                break
+        if found is not None and found.pace < best.pace:
+            still = still + 1 if found.pace > best.pace * (1.0 - _GAIN) else 0
+            best = found
+            reach = min(reach * 1.5, 4.0 * mean) if share == 1.0 else reach * 0.7
+        else:
+            reach, still = reach * 0.2, still + 1
+        if still > 2 or reach < 1e-4 * mean:
+            break
+    return begun, best
+
+
+def whole(
+    task: Task, knots: Knots, best: Answer, keep: float, most: float, tries: int = 12
+) -> tuple[Knots, Answer] | None:
+    """The same in whole cycles, at pace 1: the fewest cycles that do."""
+    length = best.pace * knots.duration
+    for more in (0, 1, 2, 3, 4, 6, 8, 12, 16, 24)[:tries]:
+        cycles = int(np.ceil(length - 1e-6)) + more
+        own = Knots(even(cycles, most))
+        answer = first_answer(task, own, best.moments * (cycles / knots.duration), 1.0)
+        for _ in range(3):
+            made = settle(task, own, answer, keep, 4)
+            if made is None:
+                break
+            if made.pace <= 1.0 + 1e-9:
+                done = at_pace(task, own, replace(made, pace=1.0), keep)
+                if done is not None and done.excess <= NONE:
+                    return own, done
+                break
+            if not len(made.moments):
+                break
+            step = Programme(task, own, made, move=True, paced=True).solve(
+                keep=keep, reach=np.full(len(made.moments), 0.3 * float(own.lengths.mean()))
+            )
+            if step is None or not _ordered(step.moments, own):
+                break
+            answer = replace(step, moments=nearest(task, own, step))
+    return None
+
+
+def at_pace(task: Task, knots: Knots, answer: Answer, keep: float) -> Answer | None:
+    """Control points for moments and pace as they are; joint by joint, smooth where there is room."""
+    control, excess = answer.control.copy(), 0.0
+    for j in range(len(task.unit)):
+        one = replace(answer, control=np.ascontiguousarray(control[:, j : j + 1]))
+        made = Programme(task.joint(j), knots, one, move=False, paced=False).solve(keep=keep)
+        if made is None:
+            return None
+        control[:, j : j + 1] = made.control
+        excess = max(excess, made.excess)
+    return replace(answer, control=control, excess=excess)
+
+
+def _ordered(moments: FloatArray, knots: Knots) -> bool:
+    whole_way = np.concatenate([[0.0], moments, [knots.duration]])
+    return bool((np.diff(whole_way) > 0.0).all())
