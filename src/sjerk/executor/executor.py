@@ -12,7 +12,7 @@ import itertools
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any, Self
 
 import numpy as np
@@ -36,7 +36,7 @@ from sjerk.executor.goal import (
 from sjerk.host.feedback import Feedback, PathState
 from sjerk.host.host import Host
 from sjerk.trajectory.entering import Entered, Entry
-from sjerk.trajectory.segments import IntArray, Knot
+from sjerk.trajectory.segments import Knot
 from sjerk.trajectory.trajectory import (
     ExecutionMode,
     FaultKind,
@@ -57,8 +57,7 @@ _TRIES = 6
 class Motion:
     """How the motion of a goal is planned: of its axes in their order, along its way-points.
 
-    ``chosen`` (m,): which of the goal's; ``offset`` (s): of its time that was over at the begin;
-    ``points``: the way-point ahead in each segment of what was planned last.
+    ``chosen`` (m,): which of the goal's; ``offset`` (s): of its time that was over at the begin.
     """
 
     axes: list[int]
@@ -68,15 +67,12 @@ class Motion:
     stamp: float
     single: bool
     offset: float = 0.0
-    points: IntArray = field(default_factory=lambda: np.zeros(1, dtype=np.int64))
 
     def enter(self, knot: Knot, begins: float) -> Entered:
         """From a state, at a time of the clock."""
         self.offset = max(0.0, begins - self.stamp) if self.stamp else 0.0
         elapsed = begins - self.stamp if self.stamp else 0.0
-        made = self.entry.enter(self.way, knot, self.way.time[-1] if self.single else elapsed)
-        self.points = self.chosen[made.points]
-        return made
+        return self.entry.enter(self.way, knot, self.way.time[-1] if self.single else elapsed)
 
 
 class GoalHandle:
@@ -524,11 +520,11 @@ class TrajectoryExecutor:
         ]
         progress, motion = self._course.progress, goal._motion
         assert motion is not None
-        i = min(max(progress.point - self._course.first, 0), len(motion.points) - 1)
+        ahead = min(max(self._course.ahead(progress), 0), len(motion.chosen) - 1)
         return GoalFeedback(
             goal.trajectory.joint_names,
             motion.offset + self._course.time(progress),
-            int(motion.points[i]),
+            int(motion.chosen[ahead]),
             progress.speed,
             rows[0],
             rows[1],

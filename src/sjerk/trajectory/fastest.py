@@ -51,10 +51,11 @@ def slowest(task: Task, knots: Knots, moments: FloatArray) -> float:
         return 0.0
     gaps = np.diff(np.concatenate([[0.0], moments, [knots.duration]]))
     least = task.least.copy()
-    least[[0, -1]] -= 0.5
+    least[0] -= 0.5
     if task.end is None:
-        gaps, least = gaps[:-1], least[:-1]
-        least[-1] += 0.5 * (len(least) > 1)
+        gaps = gaps[:-1]
+    else:
+        least[-1] -= 0.5
     return float((least / np.maximum(gaps, 1e-12)).max(initial=0.0)) * (1.0 + 1e-12)
 
 
@@ -177,13 +178,18 @@ def whole(
     return None
 
 
-def at_pace(task: Task, knots: Knots, answer: Answer, keep: float) -> Answer | None:
-    """Control points for moments and pace as they are; joint by joint, smooth where there is room."""
+def at_pace(
+    task: Task, knots: Knots, answer: Answer, keep: float, most: float = np.inf
+) -> Answer | None:
+    """Control points for moments and pace as they are; joint by joint, smooth where there is room.
+
+    None: there are none, or they need more than ``most`` of excess.
+    """
     control, excess = answer.control.copy(), 0.0
     for j in range(len(task.unit)):
         one = replace(answer, control=np.ascontiguousarray(control[:, j : j + 1]))
         made = Programme(task.joint(j), knots, one, move=False, paced=False).solve(keep=keep)
-        if made is None:
+        if made is None or made.excess > most:
             return None
         control[:, j : j + 1] = made.control
         excess = max(excess, made.excess)

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from sjerk.errors import InputError
 from sjerk.planner.planning import Synchronization, plan, plan_velocity
 from sjerk.profile import FloatArray, Limits, Profile, State
-from sjerk.trajectory.segments import PHASES, Followed, IntArray, Knot, begin_of, sample_of, through
+from sjerk.trajectory.segments import PHASES, Followed, IntArray, Knot, Passed, begin_of, sample_of, through
 
 #: Rounds until the sample stands on a way-point that is passed in motion; each gains 3 digits.
 _ROUNDS = 6
@@ -146,4 +146,6 @@ def _followed(
         lengths,
         jerks,
         *(np.ascontiguousarray(table[:, i]) for i in range(4)),
+        ahead=np.zeros(segments, dtype=np.int64),
+        passed=Passed.none(joints),
     )

@@ -86,23 +86,31 @@ class Knots:
         p[:, :3] += self.position[i] + x * (self.velocity[i] + self.acceleration[i] * (x / 2.0))
         return i, p, v, a
 
-    def begin(self, position: FloatArray, velocity: FloatArray, acceleration: FloatArray) -> FloatArray:
+    def begin(
+        self, position: FloatArray, velocity: FloatArray, acceleration: FloatArray
+    ) -> FloatArray:
         """The three control points (3, J) of a state at the first knot."""
-        return _polar(position, velocity, acceleration, self.lengths[0], self.lengths[:2])
+        r = self.lengths[0]
+        return np.stack(
+            [
+                position - r * velocity + r * r / 3.0 * acceleration,
+                position - r * r / 6.0 * acceleration,
+                position + r * velocity + r * r / 3.0 * acceleration,
+            ]
+        )
 
+    def motion(self, control: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Position, velocity, acceleration (N + 1, J) at the knots and jerk (N, J).
 
-def _polar(
-    p: FloatArray, v: FloatArray, a: FloatArray, left: float, right: FloatArray
-) -> FloatArray:
-    """f at (-2l, -l, 0), (-l, 0, r1), (0, r1, r1 + r2) about a knot."""
-    r1, r2 = float(right[0]), float(right[0] + right[-1])
-    return np.stack(
-        [
-            p - left * v + left * left / 3.0 * a,
-            p + (r1 - left) / 3.0 * v - left * r1 / 6.0 * a,
-            p + (r1 + r2) / 3.0 * v + r1 * r2 / 6.0 * a,
-        ]
-    )
+        By differences of differences: each is as exact as its own size, not as the positions'.
+        """
+        every = np.concatenate([self.lengths[:1], self.lengths, self.lengths[-1:]])[:, None]
+        left, right = every[:-1], every[1:]
+        d = np.diff(control, axis=0) * self.hull[:, 1:]
+        a = np.diff(d, axis=0) * (2.0 / (left + right))
+        v = (right * d[:-1] + left * d[1:]) / (left + right)
+        p = control[1:-1] - v * ((right - left) / 3.0) + a * (left * right / 6.0)
+        return p, v, a, np.diff(a, axis=0) / self.lengths[:, None]
 
 
 def apply(stencil: FloatArray, control: FloatArray) -> FloatArray:

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from sjerk.errors import InputError, positive, real
 from sjerk.profile import FloatArray, Limits
-from sjerk.trajectory.following import Trial, Window, limits_per_cycle
+from sjerk.trajectory.trials import Trial, Window, limits_per_cycle
 from sjerk.trajectory.joining import brake, join
 from sjerk.trajectory.pacing import CATCH_UP, SPACING, excess, rates, slowing, thinned
 from sjerk.trajectory.segments import Followed, IntArray, Knot, dwell, rows, split
