@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from sjerk.errors import PlanError
 from sjerk.profile import FloatArray
 from sjerk.trajectory.programme import Answer, Programme, Task
 from sjerk.trajectory.spline import HALF_CYCLE, Knots, even, take
@@ -59,7 +60,7 @@ def slowest(task: Task, knots: Knots, moments: FloatArray) -> float:
     return float((least / np.maximum(gaps, 1e-12)).max(initial=0.0)) * (1.0 + 1e-12)
 
 
-def settle(task: Task, knots: Knots, answer: Answer, keep: float, most: int) -> Answer | None:
+def settle(task: Task, knots: Knots, answer: Answer, keep: float | FloatArray, most: int) -> Answer | None:
     """Control points and pace for the moments as they are: the fastest, or None."""
     least = slowest(task, knots, answer.moments)
     answer = replace(answer, pace=max(answer.pace, least))
@@ -91,7 +92,7 @@ def first_answer(task: Task, knots: Knots, moments: FloatArray, pace: float) -> 
 
 
 def fastest(
-    task: Task, knots: Knots, moments: FloatArray, pace: float, keep: float, rounds: int = _ROUNDS
+    task: Task, knots: Knots, moments: FloatArray, pace: float, keep: float | FloatArray, rounds: int = _ROUNDS
 ) -> tuple[Answer, Answer] | None:
     """From moments to begin with: the answer for these moments, and the fastest found."""
     mean = float(knots.lengths.mean())
@@ -150,7 +151,7 @@ def fastest(
 
 
 def whole(
-    task: Task, knots: Knots, best: Answer, keep: float, most: float, tries: int = 12
+    task: Task, knots: Knots, best: Answer, keep: float | FloatArray, most: float, tries: int = 12
 ) -> tuple[Knots, Answer] | None:
     """The same in whole cycles, at pace 1: the fewest cycles that do."""
     length = best.pace * knots.duration
@@ -179,7 +180,7 @@ def whole(
 
 
 def at_pace(
-    task: Task, knots: Knots, answer: Answer, keep: float, most: float = np.inf
+    task: Task, knots: Knots, answer: Answer, keep: float | FloatArray, most: float = np.inf
 ) -> Answer | None:
     """Control points for moments and pace as they are; joint by joint, smooth where there is room.
 
@@ -188,12 +189,34 @@ def at_pace(
     control, excess = answer.control.copy(), 0.0
     for j in range(len(task.unit)):
         one = replace(answer, control=np.ascontiguousarray(control[:, j : j + 1]))
-        made = Programme(task.joint(j), knots, one, move=False, paced=False).solve(keep=keep)
+        near = keep[:, j : j + 1] if isinstance(keep, np.ndarray) and keep.ndim == 2 else keep
+        made = Programme(task.joint(j), knots, one, move=False, paced=False).solve(keep=near)
         if made is None or made.excess > most:
             return None
         control[:, j : j + 1] = made.control
         excess = max(excess, made.excess)
     return replace(answer, control=control, excess=excess)
+
+
+def resolution(
+    task: Task, knots: Knots, moments: FloatArray, keep: float | FloatArray
+) -> float | FloatArray:
+    """What tolerance (in tolerances) these knots can meet at all, whatever the limits."""
+    loose = replace(task, limits=task.limits * 8.0 ** np.arange(1, 4))
+    made = at_pace(loose, knots, first_answer(task, knots, moments, 1.0), keep)
+    return keep if made is None or made.excess < NONE else keep + 1.1 * made.excess
+
+
+def in_cycles(
+    task: Task, knots: Knots, best: Answer, keep: float | FloatArray
+) -> tuple[Knots, Answer]:
+    """``whole``, more slowly if need be; raises PlanError."""
+    most = float(knots.lengths.max())
+    for slower in (1.0, 1.02, 1.1, 1.5, 2.0):
+        made = whole(task, knots, replace(best, pace=best.pace * slower), keep, most)
+        if made is not None:
+            return made
+    raise PlanError("way-points: no motion in whole cycles was found")
 
 
 def _ordered(moments: FloatArray, knots: Knots) -> bool:

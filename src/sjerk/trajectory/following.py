@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from sjerk.errors import InputError, PlanError, positive
 from sjerk.profile import CYCLES_MAX, FloatArray, Limits
-from sjerk.trajectory.fastest import NONE, at_pace, fastest, first_answer, whole
+from sjerk.trajectory.fastest import NONE, at_pace, fastest, first_answer, in_cycles, resolution
 from sjerk.trajectory.programme import Answer, Task
 from sjerk.trajectory.segments import Followed, Knot
 from sjerk.trajectory.spline import IntArray, Knots, even
@@ -28,10 +28,10 @@ from sjerk.trajectory.window import (
     limits_per_cycle,
     ranges,
     stop_of,
+    tolerances,
+    units,
 )
 
-#: The tolerance of way-points, where none is given: of a joint's way and of its fastest cycle.
-WAY_SHARE, CYCLE_SHARE = 1e-4, 0.05
 #: Fewest segments of a motion from rest to rest, and of one at all.
 _FEWEST = 8
 #: A stretch for which finer knots are worth trying.
@@ -42,7 +42,7 @@ _NOISE = 0.05
 
 def follow(
     source: Trajectory | Iterable[Trajectory],
-    limits: Sequence[Limits] | Mapping[str, Limits],
+    limits: Limits | Sequence[Limits] | Mapping[str, Limits],
     cycle_time: float,
     *,
     tolerance: float | ArrayLike | None = None,
@@ -80,19 +80,7 @@ def follow(
     T = positive("cycle_time", cycle_time)
     ahead = positive("lookahead", lookahead)
     pieces = iter((source,) if isinstance(source, Trajectory) else source)
-    return _windows(pieces, limits, T, _tolerances(tolerance), use_velocities, ahead, begin)
-
-
-def _tolerances(tolerance: float | ArrayLike | None) -> FloatArray | None:
-    if tolerance is None:
-        return None
-    try:
-        row = np.atleast_1d(np.array(tolerance, dtype=np.float64))
-    except (TypeError, ValueError):
-        row = np.zeros(0)
-    if row.ndim != 1 or not len(row) or not ((row > 0.0) & np.isfinite(row)).all():
-        raise InputError("tolerance", tolerance, "must be above 0, one number or one per joint")
-    return row
+    return _windows(pieces, limits, T, tolerance, use_velocities, ahead, begin)
 
 
 class _Source:
@@ -101,7 +89,7 @@ class _Source:
     def __init__(
         self,
         pieces: Iterator[Trajectory],
-        limits: Sequence[Limits] | Mapping[str, Limits],
+        limits: Limits | Sequence[Limits] | Mapping[str, Limits],
         T: float,
         use_velocities: bool,
         begin: Knot | None,
@@ -184,9 +172,9 @@ class _Source:
 
 def _windows(
     pieces: Iterator[Trajectory],
-    limits: Sequence[Limits] | Mapping[str, Limits],
+    limits: Limits | Sequence[Limits] | Mapping[str, Limits],
     T: float,
-    tolerance: FloatArray | None,
+    tolerance: float | ArrayLike | None,
     use_velocities: bool,
     lookahead: float,
     begin: Knot | None,
@@ -194,9 +182,8 @@ def _windows(
     source = _Source(pieces, limits, T, use_velocities, begin)
     window, table = source.window, limits_per_cycle(source.limits, T)
     box, stop = ranges(source.limits), stop_of(limits_per_cycle(source.limits, T))
-    if tolerance is not None and len(tolerance) not in (1, len(table)):
-        raise InputError("tolerance", tolerance.tolist(), f"must be one per joint: {len(table)}")
-    planner = Timed(table, box, tolerance, use_velocities=source.velocities)
+    near = tolerances(tolerance, len(table))
+    planner = Timed(table, box, near, use_velocities=source.velocities)
     keep = max(HAND_OUT * stop, 64.0)
     while True:
         source.fill(keep + lookahead * stop)
@@ -251,11 +238,7 @@ class Timed:
         moments = np.cumsum(least) - 0.5
         speed = window.speeds if self._use_velocities else None
         way = np.ptp(np.concatenate([points, np.zeros((1, len(origin)))]), axis=0)
-        if self._tolerance is None:
-            most = CYCLE_SHARE * self._table[:, 0]
-            unit = np.minimum(most, np.maximum(WAY_SHARE * way, 1e-6 * most))
-        else:
-            unit = np.array(np.broadcast_to(self._tolerance, way.shape))
+        unit = units(self._table, way, self._tolerance)
         end = None
         if ends:
             end, points, moments = points[-1], points[:-1], moments[:-1]
@@ -286,7 +269,7 @@ class Timed:
             speed=None,
             least=_sums(task.least, few, task.end is not None),
         )
-        keep = self._resolution(thin, knots, asked[few])
+        keep = resolution(thin, knots, asked[few], 1.0)
         found = self._fastest(thin, knots, asked[few], length, keep)
         while found is None or found[1].pace > 1.0 + _NOISE:
             if keep > 1e7:
@@ -306,17 +289,11 @@ class Timed:
                 made = self._own_time(task, asked, length + more, finer, 0.5 * more)
                 if made is not None:
                     return made
-        final, answer = self._in_cycles(thin, knots, found[1], keep)
+        final, answer = in_cycles(thin, knots, found[1], keep)
         moments = np.interp(asked, *_ends(asked[few], answer.moments, length, final.duration))
         all_of_it = replace(answer, moments=moments)
         made_all = at_pace(task, final, all_of_it, keep) if len(few) < len(asked) else None
         return final, made_all or all_of_it
-
-    def _resolution(self, task: Task, knots: Knots, asked: FloatArray) -> float:
-        """The tolerance (in tolerances) that knots can meet at all, whatever the limits."""
-        loose = replace(task, limits=task.limits * 8.0 ** np.arange(1, 4))
-        made = at_pace(loose, knots, first_answer(task, knots, asked, 1.0), 1.0)
-        return 1.0 if made is None or made.excess < NONE else 1.0 + 1.1 * made.excess
 
     def _fastest(
         self, task: Task, knots: Knots, asked: FloatArray, length: int, keep: float
@@ -325,16 +302,6 @@ class Timed:
         if task.end is not None and task.least is not None:
             share = length / float(task.least.sum())
         return fastest(task, knots, np.maximum((asked + 0.5) * share, 1e-3), 1.0, keep)
-
-    def _in_cycles(
-        self, task: Task, knots: Knots, best: Answer, keep: float
-    ) -> tuple[Knots, Answer]:
-        most = float(knots.lengths.max())
-        for slower in (1.0, 1.02, 1.1, 1.5, 2.0):
-            made = whole(task, knots, replace(best, pace=best.pace * slower), keep, most)
-            if made is not None:
-                return made
-        raise PlanError("way-points: no motion in whole cycles was found")
 
 
 def _apart(moments: FloatArray, least: float) -> IntArray:

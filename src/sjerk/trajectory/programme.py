@@ -327,7 +327,7 @@ class Programme:
     def solve(
         self,
         *,
-        keep: float,
+        keep: float | FloatArray,
         reach: FloatArray | None = None,
         slower: float = 0.3,
         near: float = 1e-8,

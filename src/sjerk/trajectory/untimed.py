@@ -8,51 +8,236 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sjerk.errors import InputError, positive
+from sjerk.errors import InputError, PlanError, positive
 from sjerk.planner.planning import Motion, plan
 from sjerk.profile import FloatArray, Limits
-from sjerk.trajectory.segments import Followed
+from sjerk.trajectory.corridor import Corridor
+from sjerk.trajectory.fastest import NONE, fastest, in_cycles, resolution
+from sjerk.trajectory.joining import stops_of
+from sjerk.trajectory.parameterization import moments_of
+from sjerk.trajectory.programme import Answer, Task
+from sjerk.trajectory.segments import Followed, IntArray, Knot
+from sjerk.trajectory.spline import Knots, even
+from sjerk.trajectory.trajectory import limits_of
+from sjerk.trajectory.window import (
+    HAND_OUT,
+    LOOKAHEAD,
+    Plan,
+    Window,
+    limits_per_cycle,
+    ranges,
+    stop_of,
+    tolerances,
+    units,
+)
+
+#: Knots per way-point where these are to be met exactly, and fewest of a motion.
+_PER_POINT, _FEWEST = 1.6, 24
+#: Way-points of a window, to begin with; and most for which stopping at each is compared.
+_SOME, _STOPS = 256, 64
 
 
 def follow_path(
     points: ArrayLike,
-    limits: Sequence[Limits],
+    limits: Limits | Sequence[Limits],
     cycle_time: float,
     *,
     joint_names: Sequence[str] | None = None,
-    tolerance: float | None = None,
+    tolerance: float | ArrayLike | None = None,
     corridor: float | None = None,
+    lookahead: float = LOOKAHEAD,
 ) -> Iterator[Followed]:
-    """To come."""
-    raise NotImplementedError
+    """Follow way-points without times as fast as the limits allow, from rest to rest.
+
+    ``points`` (n, N). Way-points are met exactly, or within ``tolerance`` (axis units, one for all
+    or one per joint); between them the way is free, unless there is a ``corridor``: then the
+    commanded motion stays within this distance (Euclidean) of the straight lines between the
+    way-points. For exact stops at every point, on the lines, see ``follow_stops``; a path that fits
+    into one window is never slower than that. ``limits``: one per joint, or one for all. ``passed``
+    of the blocks says when and how near each way-point is passed; ``stretch`` is 0. Way-points
+    denser than knots can meet are passed as near as they can. Memory is that of a window of twice
+    ``lookahead`` stops (V/A + A/J of the slowest joint). Raises InputError, PlanError.
+
+    >>> corner = [[0.0, 0.0], [0.5, 0.0], [0.5, 0.5]]
+    >>> limits = [Limits(2.0, 4.0, 500.0)] * 2
+    >>> exact, near, close = (
+    ...     sum(int(b.cycles.sum()) for b in follow_path(corner, limits, 1e-3, **how))
+    ...     for how in ({}, {"tolerance": 0.01}, {"corridor": 0.01})
+    ... )
+    >>> near < exact < close < sum(m.cycles for m in follow_stops(corner, limits, 1e-3))
+    True
+    """
+    T, path = positive("cycle_time", cycle_time), _path(points)
+    each = limits_of(limits, path.shape[1])
+    names = [f"joint{i}" for i in range(path.shape[1])] if joint_names is None else joint_names
+    if isinstance(names, str) or len(names) != path.shape[1]:
+        raise InputError("joint_names", names, f"must be one per joint: {path.shape[1]}")
+    near = tolerances(tolerance, path.shape[1])
+    most = None if corridor is None else positive("corridor", corridor)
+    ahead = positive("lookahead", lookahead)
+    box = ranges(each)
+    if box is not None:
+        outside = np.argwhere((path < box[:, 0]) | (path > box[:, 1]))
+        if len(outside):
+            i, k = outside[0]
+            raise InputError(
+                f"points[{i}][{k}]", path[i, k], f"must lie in {box[k, 0]} .. {box[k, 1]}"
+            )
+    kept = np.flatnonzero(np.concatenate([[True], (np.diff(path, axis=0) != 0.0).any(axis=1)]))
+    if len(kept) < 2:
+        return iter(())
+    return _windows(path, kept, names, each, T, near, most, ahead)
 
 
 def follow_stops(
-    points: ArrayLike, limits: Sequence[Limits], cycle_time: float
+    points: ArrayLike, limits: Limits | Sequence[Limits], cycle_time: float
 ) -> Iterator[Motion]:
     """Follow straight lines between way-points with an exact stop at each; one ``Motion`` per line.
 
-    ``points`` (n, N). All joints share the phases of each motion, so the way is the line itself.
-    Raises InputError.
+    ``points`` (n, N); ``limits``: one per joint, or one for all. All joints share the phases of
+    each motion, so the way is the line itself. Raises InputError.
 
     >>> [motion.cycles for motion in follow_stops([[0.0], [1.0], [0.5]], [Limits(2, 4, 500)], 1e-3)]
     [1009, 716]
     """
     path = _path(points)
+    return _stops(path, limits_of(limits, path.shape[1]), positive("cycle_time", cycle_time))
+
+
+def _stops(path: FloatArray, limits: Sequence[Limits], T: float) -> Iterator[Motion]:
     for one, two in itertools.pairwise(path.tolist()):
         if one != two:
-            yield plan(one, two, limits, cycle_time, synchronization="phase")
+            yield plan(one, two, limits, T, synchronization="phase")
 
 
 def _path(points: ArrayLike) -> FloatArray:
-    path = np.array(points, dtype=np.float64)
+    try:
+        path = np.array(points, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError("points", points, "must be numbers of shape (n, N)") from None
     if path.ndim != 2 or 0 in path.shape:
         raise InputError("points", path.shape, "must have shape (n, N)")
     wrong = np.flatnonzero(~np.isfinite(path).all(axis=1))
     if len(wrong):
         raise InputError(f"points[{wrong[0]}]", path[wrong[0]].tolist(), "must be finite")
     return path
+
+
+def _windows(
+    path: FloatArray,
+    kept: IntArray,
+    names: Sequence[str],
+    limits: Sequence[Limits],
+    T: float,
+    tolerance: FloatArray | None,
+    corridor: float | None,
+    lookahead: float,
+) -> Iterator[Followed]:
+    table = limits_per_cycle(limits, T)
+    stop = stop_of(table)
+    window = Window(names, T, Knot.rest(path[0]))
+    planner = Untimed(table, ranges(limits), tolerance, np.ptp(path, axis=0), corridor)
+    horizon, done = (HAND_OUT + lookahead) * stop, 1
+    while done < len(kept) or len(window):
+        done = _fill(window, path, kept, done, table, horizon)
+        ends = done == len(kept)
+        found = planner.plan(window)
+        if ends and window.first == 0 and len(path) <= _STOPS:
+            still = stops_of(names, list(_stops(path, limits, T)), path, kept)
+            if int(still.cycles.sum()) < found.knots.duration + 1.0:
+                yield still
+                return
+        cut = np.inf if ends else max(found.knots.duration - lookahead * stop, 1.0)
+        made = window.hand_out(found, cut)
+        point = made.passed.point
+        yield replace(
+            made,
+            ahead=kept[np.minimum(made.ahead, len(kept) - 1)],
+            passed=replace(made.passed, point=kept[point]),
+        )
+
+
+def _fill(
+    window: Window,
+    path: FloatArray,
+    kept: IntArray,
+    done: int,
+    table: FloatArray,
+    horizon: float,
+) -> int:
+    """Way-points for so many cycles; how many are known then."""
+    more = _SOME
+    while done < len(kept):
+        some = kept[done : done + more]
+        window.add(path[some], np.zeros(len(some)))
+        done += len(some)
+        start = window.state.position
+        rows = np.concatenate([start[None], window.points])
+        rows = rows[np.concatenate([[True], (np.diff(rows, axis=0) != 0.0).any(axis=1)])]
+        if len(rows) > 1 and moments_of(rows, table)[-1] >= horizon:
+            break
+        more = len(window)
+    return done
+
+
+class Untimed:
+    """How way-points are passed that have no times."""
+
+    def __init__(
+        self,
+        table: FloatArray,
+        box: FloatArray | None,
+        tolerance: FloatArray | None,
+        way: FloatArray,
+        corridor: float | None,
+    ) -> None:
+        """``table`` (N, 3): limits per cycle; ``way`` (N,): of each joint, for the unit of exact."""
+        self._table, self._box, self._stop = table, box, stop_of(table)
+        self._unit = units(table, way, tolerance)
+        self._exact = tolerance is None
+        self._corridor = corridor
+        soft = float((table[:, 1] / table[:, 2]).min())
+        self._spacing = max(2.0, soft / 4.0, self._stop / 100.0)
+
+    def plan(self, window: Window) -> Plan:
+        """The fastest motion past all way-points of a window, to rest at the last."""
+        origin = window.state.position
+        points = window.points - origin
+        box = None if self._box is None else self._box - origin[:, None]
+        task = Task(self._table, self._unit, points[:-1], window.start, points[-1], box)
+        keep: float | FloatArray = NONE if self._exact else 1.0
+        if self._corridor is None:
+            knots, answer = self._fastest(task, keep, window.state.moving)
+        else:
+            rows = np.concatenate([np.zeros_like(origin)[None], points])
+            times = np.diff(moments_of(rows, self._table)) / self._spacing
+            lines = Corridor(task, self._corridor, None if self._exact else 1.0, times)
+            knots, answer = lines.plan(lambda t, k: self._fastest(t, k, window.state.moving))
+        moments = np.append(answer.moments + 0.5, knots.duration + 1.0)
+        return Plan(knots, answer, moments, moments, True)
+
+    def _fastest(
+        self, task: Task, keep: float | FloatArray, moving: bool
+    ) -> tuple[Knots, Answer]:
+        assert task.end is not None
+        rows = np.concatenate([np.zeros_like(task.end)[None], task.points, task.end[None]])
+        moments = moments_of(rows, self._table, task.start[1] if moving else None)
+        length = max(8, int(np.ceil(moments[-1])))
+        most = min(self._spacing, length / _FEWEST)
+        if np.max(keep) <= NONE and len(task.points):  # to be met exactly: knots enough
+            most = min(most, float(np.quantile(np.diff(moments), 0.05)) / _PER_POINT)
+        most = min(max(most, 2.0), length / 8.0)
+        knots = Knots(even(length, most))
+        begun = moments[1:-1] * (length / moments[-1])
+        keep = np.maximum(keep, resolution(task, knots, begun, keep))
+        for _ in range(8):
+            found = fastest(task, knots, begun, 1.0, keep)
+            if found is not None:
+                return in_cycles(task, knots, found[1], keep)
+            keep = 10.0 * np.maximum(keep, 1e-2)
+        raise PlanError("points: no motion was found that keeps the limits")

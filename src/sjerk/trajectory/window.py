@@ -10,7 +10,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from sjerk.errors import InputError
 from sjerk.profile import FloatArray, Limits
 from sjerk.trajectory.fastest import places
 from sjerk.trajectory.programme import Answer
@@ -19,6 +21,8 @@ from sjerk.trajectory.spline import Knots
 
 #: Stops that a window looks ahead of what it hands out, and hands out at a time.
 LOOKAHEAD, HAND_OUT = 5.0, 5.0
+#: The tolerance of way-points, where none is given: of a joint's way and of its fastest cycle.
+WAY_SHARE, CYCLE_SHARE = 1e-4, 0.05
 
 
 def limits_per_cycle(limits: Sequence[Limits], T: float) -> FloatArray:
@@ -33,6 +37,27 @@ def limits_per_cycle(limits: Sequence[Limits], T: float) -> FloatArray:
             for limit in limits
         ]
     )
+
+
+def tolerances(tolerance: float | ArrayLike | None, joints: int) -> FloatArray | None:
+    """One per joint (N,); raises InputError."""
+    if tolerance is None:
+        return None
+    try:
+        row = np.array(tolerance, dtype=np.float64)
+    except (TypeError, ValueError):
+        row = np.zeros(0)
+    if row.shape not in ((), (joints,)) or not ((row > 0.0) & np.isfinite(row)).all():
+        raise InputError("tolerance", tolerance, f"must be above 0, one number or {joints}")
+    return np.array(np.broadcast_to(row, (joints,)))
+
+
+def units(table: FloatArray, way: FloatArray, tolerance: FloatArray | None) -> FloatArray:
+    """Tolerances (N,); where none are given by each joint's way and its fastest cycle."""
+    if tolerance is not None:
+        return tolerance
+    most = CYCLE_SHARE * table[:, 0]
+    return np.minimum(most, np.maximum(WAY_SHARE * way, 1e-6 * most))
 
 
 def ranges(limits: Sequence[Limits]) -> FloatArray | None:
