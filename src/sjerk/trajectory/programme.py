@@ -88,7 +88,7 @@ class Programme:
     def __init__(self, task: Task, knots: Knots, before: Answer, *, move: bool, paced: bool) -> None:
         """``move``: the moments may; ``paced``: the pace may."""
         self._task, self._knots, self._before = task, knots, before
-        self._paced, self._border = paced, 1 + paced
+        self._paced = paced
         self._parts: list[tuple[FloatArray, ...]] = []
         J, N, n, pace = len(task.unit), len(knots), len(task.points), before.pace
         self._origin = task.start[0]
@@ -123,7 +123,7 @@ class Programme:
         self._way_points()
         self._positions()
         nothing = np.zeros((1, 1), dtype=np.int64)
-        self._rows(nothing, np.zeros((1, 1)), 0.0, np.inf, excess=1.0)
+        self._rows(nothing, np.zeros((1, 1)), 0.0, np.inf, excess=(1.0, 0.0))
         if self._moment is not None and task.least is not None:
             self._order()
         del n
@@ -169,7 +169,7 @@ class Programme:
         value = np.tile([-pace, pace], (m, 1))
         value[0, 0] = 0.0
         at[0, 0] = at[0, 1]
-        self._rows(self._moment[at], value * unit, low * unit, np.inf, pace=own * unit)
+        self._rows(self._moment[at], value * unit, low * unit, np.inf, pace=(own * unit, 0.0))
         if task.end is not None:
             last = self._knots.duration - self._at[-1]
             low_end = share[-1] - 0.5 - (0.0 if self._paced else pace * last)
@@ -178,7 +178,7 @@ class Programme:
                 np.array([[-pace * unit]]),
                 low_end * unit,
                 np.inf,
-                pace=last * unit,
+                pace=(last * unit, 0.0),
             )
 
     # ---- rows
@@ -190,20 +190,22 @@ class Programme:
         low: FloatArray | float,
         high: FloatArray | float,
         *,
-        pace: FloatArray | float = 0.0,
-        excess: float = 0.0,
+        pace: tuple[FloatArray | float, FloatArray | float] = (0.0, 0.0),
+        excess: tuple[float, float] = (0.0, 0.0),
         weight: float = 0.0,
         target: FloatArray | float = 0.0,
     ) -> None:
+        """``pace``, ``excess``: coefficients of these two, where a row is held from below and above."""
         m, w = at.shape
         places, wide = np.empty((m, _WIDTH), dtype=np.int32), np.zeros((m, _WIDTH))
         places[:, :w], places[:, w:], wide[:, :w] = at, at[:, -1:], value
-        across = np.zeros((m, self._border))
-        across[:, -1] = excess
-        if self._paced:
-            across[:, 0] = pace
+        beside = np.zeros((2, m, 2))
+        for k in range(2):
+            if self._paced:
+                beside[k, :, 0] = pace[k]
+            beside[k, :, 1] = excess[k]
         columns = (np.broadcast_to(np.asarray(x, float), (m,)) for x in (low, high, weight, target))
-        self._parts.append((places, wide, across, *columns))
+        self._parts.append((places, wide, beside[0], beside[1], *columns))
 
     def _stencil(
         self,
@@ -213,8 +215,8 @@ class Programme:
         low: FloatArray | float,
         high: FloatArray | float,
         *,
-        pace: float = 0.0,
-        excess: float = 0.0,
+        pace: tuple[float, float] = (0.0, 0.0),
+        excess: tuple[float, float] = (0.0, 0.0),
         weight: float = 0.0,
         target: FloatArray | float = 0.0,
         rate: FloatArray | None = None,
@@ -267,9 +269,9 @@ class Programme:
             at, value = np.take_along_axis(at, turn, 1), np.take_along_axis(value, turn, 1)
         if self._paced:  # known ones change with the pace: constant + rise (pace - before)
             constant = constant - rise * self._before.pace
-            slant = np.broadcast_to(np.asarray(pace + rise), (m * J,))[keep]
+            slant = tuple(np.broadcast_to(np.asarray(one + rise), (m * J,))[keep] for one in pace)
         else:
-            slant = np.zeros(1)
+            slant = (0.0, 0.0)
         bounds = [
             (np.broadcast_to(np.asarray(x, float), (m, J)).reshape(-1) - constant)[keep]
             for x in (low, high, target)
@@ -293,9 +295,8 @@ class Programme:
             first = np.arange(len(stencil))
             weight = _SMOOTH if order == 3 else 0.0
             if self._paced:  # at the pace before: order pace - (order - 1)
-                least = order - 1.0
-                self._stencil(stencil, first, unit, -np.inf, -least, pace=-order / pace)
-                self._stencil(stencil, first, unit, least, np.inf, pace=order / pace, weight=weight)
+                least, slope = order - 1.0, order / pace
+                self._stencil(stencil, first, unit, least, -least, pace=(slope, -slope), weight=weight)
             else:
                 self._stencil(stencil, first, unit, -1.0, 1.0, weight=weight)
 
@@ -342,11 +343,10 @@ class Programme:
         n, pace = len(task.points), before.pace
         if n:
             target, unit = self._target, self._unit
-            args = (self._reference, self._segment, unit)
-            self._stencil(*args, -np.inf, target + keep, rate=self._rate, excess=-1.0)
             self._stencil(
-                *args, target - keep, np.inf, rate=self._rate, excess=1.0, weight=_NEAR, target=target
-            )
+                self._reference, self._segment, unit, target - keep, target + keep,
+                rate=self._rate, excess=(1.0, -1.0), weight=_NEAR, target=target,
+            )  # fmt: skip
             if task.speed is not None and self._moment is None:
                 gap = np.gradient(before.moments)[:, None] / 4.0 if n > 1 else np.ones((1, 1))
                 wish = task.speed * pace / task.unit * gap
@@ -358,15 +358,15 @@ class Programme:
             self._rows(self._moment[self._own][:, None], np.ones((n, 1)) / reach[:, None], -1.0, 1.0)
         if self._paced:
             nothing = np.zeros((1, 1), dtype=np.int64)
-            self._rows(nothing, np.zeros((1, 1)), 1.0 - slower, 1.0 + slower, pace=1.0 / pace)
-        x = np.zeros(self._count + self._border)
+            self._rows(nothing, np.zeros((1, 1)), 1.0 - slower, 1.0 + slower, pace=(1.0 / pace, 1.0 / pace))
+        x = np.zeros(self._count + 2)
         x[self._place[self._free]] = ((before.control - self._origin) / task.scale)[self._free]
         gradient = np.zeros(len(x))
         gradient[-1], x[-1] = _EXCESS, max(before.excess, 0.0)
         if self._paced:
             gradient[-2], x[-2] = 1.0 / pace, pace
         columns = [np.ascontiguousarray(np.concatenate(part)) for part in zip(*self._parts, strict=True)]
-        self.told, status = _solve(columns, gradient, x, self._border, near, steps)
+        self.told, status = _solve(columns, gradient, x, near, steps)
         if status == lib.SJ_ARROW_LOST or not np.isfinite(x).all():
             return None
         if status != lib.SJ_ARROW_OK and not self.told[1] < 1e-7:
@@ -390,23 +390,22 @@ def _solve(
     columns: list[FloatArray],
     gradient: FloatArray,
     x: FloatArray,
-    border: int,
     near: float,
     steps: int,
 ) -> tuple[FloatArray, int]:
-    at, value, across, low, high, weight, target = columns
-    rows, count = len(at), len(x) - border
+    at, value, below, above, low, high, weight, target = columns
+    rows, count = len(at), len(x) - 2
     band = int((at[:, -1] - at[:, 0]).max())
-    spare = np.empty(lib.sj_arrow_spare(count, band, border, rows))
+    spare = np.empty(lib.sj_arrow_spare(count, band, rows))
     told = np.zeros(4)
     problem = ffi.new("sj_arrow *")
     problem.unknowns, problem.rows, problem.band = count, rows, band
-    problem.border, problem.width, problem.most = border, _WIDTH, steps
+    problem.most = steps
     problem.at = ffi.from_buffer("int32_t[]", at)
     for name, column in (
-        ("value", value), ("across", across), ("low", low), ("high", high), ("weight", weight),
+        ("value", value), ("beside_low", below), ("beside_high", above), ("low", low), ("high", high), ("weight", weight),
         ("target", target), ("gradient", gradient), ("x", x), ("spare", spare), ("told", told),
     ):  # fmt: skip
         setattr(problem, name, doubles(column))
-    problem.begin, problem.near, problem.gap = 1.0, near, near
+    problem.begin, problem.near = 1.0, near
     return told, lib.sj_arrow_solve(problem)
