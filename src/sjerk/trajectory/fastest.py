@@ -14,13 +14,13 @@ import numpy as np
 from sjerk.errors import PlanError
 from sjerk.profile import FloatArray
 from sjerk.trajectory.programme import Answer, Programme, Task
-from sjerk.trajectory.spline import HALF_CYCLE, Knots, even, take
+from sjerk.trajectory.spline import HALF_CYCLE, Knots, scaled, take
 
 #: An excess (in tolerances) that is none.
 NONE = 1e-5
 #: A round that gains less is one of the last ones.
 _GAIN = 3e-4
-_ROUNDS = 20
+ROUNDS = 20
 
 
 def places(knots: Knots, answer: Answer) -> FloatArray:
@@ -92,9 +92,14 @@ def first_answer(task: Task, knots: Knots, moments: FloatArray, pace: float) -> 
 
 
 def fastest(
-    task: Task, knots: Knots, moments: FloatArray, pace: float, keep: float | FloatArray, rounds: int = _ROUNDS
-) -> tuple[Answer, Answer] | None:
-    """From moments to begin with: the answer for these moments, and the fastest found."""
+    task: Task,
+    knots: Knots,
+    moments: FloatArray,
+    pace: float,
+    keep: float | FloatArray,
+    rounds: int = ROUNDS,
+) -> Answer | None:
+    """From moments to begin with, the fastest found in so many rounds (0: for these moments)."""
     mean = float(knots.lengths.mean())
     answer = first_answer(task, knots, moments, pace)
     n = len(moments)
@@ -118,7 +123,7 @@ def fastest(
             made = settle(task, knots, slow, keep, 8)
     if made is None:
         return None
-    begun, best = made, made
+    best = made
     for _ in range(rounds if n else 0):
         step = Programme(task, knots, best, move=True, paced=True).solve(
             keep=keep, reach=np.full(n, reach), slower=0.2, near=1e-7
@@ -147,20 +152,21 @@ def fastest(
             reach, still = reach * 0.2, still + 1
         if still > 2 or reach < 1e-4 * mean:
             break
-    return begun, best
+    return best
 
 
 def whole(
-    task: Task, knots: Knots, best: Answer, keep: float | FloatArray, most: float, tries: int = 12
+    task: Task, knots: Knots, best: Answer, keep: float | FloatArray
 ) -> tuple[Knots, Answer] | None:
     """The same in whole cycles, at pace 1: the fewest cycles that do."""
     length = best.pace * knots.duration
-    for more in (0, 1, 2, 3, 4, 6, 8, 12, 16, 24)[:tries]:
-        cycles = int(np.ceil(length - 1e-6)) + more
-        own = Knots(even(cycles, most))
-        answer = first_answer(task, own, best.moments * (cycles / knots.duration), 1.0)
+    for more in (0, 1, 2, 3, 4, 6, 8, 12, 16, 24):
+        cycles = max(int(np.ceil(length - 1e-6)) + more, len(knots))
+        own = Knots(scaled(knots, cycles))
+        answer = Answer(best.control, best.moments * (cycles / knots.duration), 1.0, 0.0)
+        answer = replace(answer, moments=nearest(task, own, answer))
         for _ in range(3):
-            made = settle(task, own, answer, keep, 4)
+            made = settle(task, own, answer, keep, 6)
             if made is None:
                 break
             if made.pace <= 1.0 + 1e-9:
@@ -211,9 +217,8 @@ def in_cycles(
     task: Task, knots: Knots, best: Answer, keep: float | FloatArray
 ) -> tuple[Knots, Answer]:
     """``whole``, more slowly if need be; raises PlanError."""
-    most = float(knots.lengths.max())
     for slower in (1.0, 1.02, 1.1, 1.5, 2.0):
-        made = whole(task, knots, replace(best, pace=best.pace * slower), keep, most)
+        made = whole(task, knots, replace(best, pace=best.pace * slower), keep)
         if made is not None:
             return made
     raise PlanError("way-points: no motion in whole cycles was found")

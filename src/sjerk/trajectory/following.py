@@ -15,10 +15,10 @@ from numpy.typing import ArrayLike
 
 from sjerk.errors import InputError, PlanError, positive
 from sjerk.profile import CYCLES_MAX, FloatArray, Limits
-from sjerk.trajectory.fastest import NONE, at_pace, fastest, first_answer, in_cycles, resolution
+from sjerk.trajectory.fastest import NONE, ROUNDS, at_pace, fastest, first_answer, in_cycles, resolution
 from sjerk.trajectory.programme import Answer, Task
 from sjerk.trajectory.segments import Followed, Knot
-from sjerk.trajectory.spline import IntArray, Knots, even
+from sjerk.trajectory.spline import IntArray, Knots, going_on, split
 from sjerk.trajectory.trajectory import Fault, FaultKind, Trajectory, TrajectoryError
 from sjerk.trajectory.window import (
     HAND_OUT,
@@ -35,7 +35,7 @@ from sjerk.trajectory.window import (
 #: Fewest segments of a motion from rest to rest, and of one at all.
 _FEWEST = 8
 #: A stretch for which finer knots are worth trying.
-_NEARLY = 0.02
+_NEARLY = 0.05
 #: Where ten times the tolerance saves more than this share of the time, it is below the noise.
 _NOISE = 0.05
 
@@ -210,7 +210,7 @@ class Timed:
         self._use_velocities = use_velocities
         self._stop = stop_of(table)
         soft = float((table[:, 1] / table[:, 2]).min())
-        self._spacing = max(2.0, soft / 4.0, self._stop / 100.0)
+        self._spacing = max(2.0, soft / 8.0, self._stop / 100.0)
 
     def plan(self, window: Window, ends: bool) -> Plan:
         """A motion past all way-points of a window; ``ends``: to rest at the last one."""
@@ -220,10 +220,9 @@ class Timed:
             length = max(int(np.ceil(total - 1e-6)) - 1, _FEWEST)
         else:
             length = int(np.ceil(asked[-1] + 1.5 * self._stop))
-        made = self._own_time(task, asked, length, 1)
-        if made is None:
-            made = self._stretched(task, asked, length)
-        knots, answer = made
+        knots, answer = self._own_time(task, asked, window.left, length, 1.0) or self._later(
+            task, asked, window.left, length
+        )
         moments, due = answer.moments + 0.5, asked + 0.5
         if ends:
             moments, due = np.append(moments, knots.duration + 1.0), np.append(due, total)
@@ -246,22 +245,33 @@ class Timed:
         box = None if self._box is None else self._box - origin[:, None]
         return Task(self._table, unit, points, window.start, end, box, least, speed), moments
 
-    def _knots(self, length: int, finer: float) -> Knots:
-        most = min(self._spacing, max(2.0, length / 24.0)) / finer
-        return Knots(even(length, min(max(most, 2.0), length / _FEWEST)))
+    def _knots(self, left: IntArray, length: int, finer: float) -> Knots:
+        most = max(min(self._spacing, length / 40.0), 2.0)
+        lengths = going_on(left, length, min(most, length / _FEWEST))
+        if len(lengths) < _FEWEST:
+            finer = max(finer, 2.0)
+        return Knots(split(lengths, max(most / finer, 2.0)) if finer > 1.0 else lengths)
 
     def _own_time(
-        self, task: Task, asked: FloatArray, length: int, finer: float, late: float = 0.0
+        self,
+        task: Task,
+        asked: FloatArray,
+        left: IntArray,
+        length: int,
+        finer: float,
+        late: float = 0.0,
     ) -> tuple[Knots, Answer] | None:
         """All way-points at their moments, ``late`` by so much; exactly, or within the tolerance."""
-        knots = self._knots(length, finer)
+        knots = self._knots(left, length, finer)
         answer = first_answer(task, knots, asked + late, 1.0)
         made = at_pace(task, knots, answer, NONE, most=1.0)
         return None if made is None or made.excess > 1.0 else (knots, made)
 
-    def _stretched(self, task: Task, asked: FloatArray, length: int) -> tuple[Knots, Answer]:
-        """The fastest motion that is never faster than asked."""
-        knots = self._knots(length, 1.0)
+    def _later(
+        self, task: Task, asked: FloatArray, left: IntArray, length: int
+    ) -> tuple[Knots, Answer]:
+        """Nearly in time, with finer knots; else the fastest motion that is never faster than asked."""
+        knots = self._knots(left, length, 1.0)
         few = _apart(asked, 0.7 * float(knots.lengths.mean()))
         thin = replace(
             task,
@@ -270,38 +280,42 @@ class Timed:
             least=_sums(task.least, few, task.end is not None),
         )
         keep = resolution(thin, knots, asked[few], 1.0)
+        uniform = self._fastest(thin, knots, asked[few], length, keep, rounds=0)
+        if uniform is None or uniform.pace < 1.0 + _NEARLY:
+            for finer, more in ((2.0, 1), (4.0, 1), (8.0, 1), (4.0, 4), (4.0, 10)):
+                late = more if task.end is not None else 0
+                if finer > 2.0 * float(knots.lengths.mean()):
+                    continue
+                made = self._own_time(task, asked, left, length + late, finer, 0.5 * late)
+                if made is not None:
+                    return made
         found = self._fastest(thin, knots, asked[few], length, keep)
-        while found is None or found[1].pace > 1.0 + _NOISE:
-            if keep > 1e7:
-                break
+        while keep < 1e7 and (found is None or found.pace > 1.0 + _NOISE):
             other = self._fastest(thin, knots, asked[few], length, 10.0 * keep)
-            if found is not None and (
-                other is None or other[1].pace > (1.0 - _NOISE) * found[1].pace
-            ):
+            if found is not None and (other is None or other.pace > (1.0 - _NOISE) * found.pace):
                 break
             found, keep = other, 10.0 * keep
         if found is None:
             raise PlanError("way-points: no motion was found that keeps the limits")
-        if found[1].pace < 1.0 + _NEARLY:  # nearly in time: with finer knots it may be
-            for finer, more in ((2.0, 1), (4.0, 1), (4.0, 4), (4.0, 10)):
-                if length + more > found[1].pace * length or task.end is None:
-                    break
-                made = self._own_time(task, asked, length + more, finer, 0.5 * more)
-                if made is not None:
-                    return made
-        final, answer = in_cycles(thin, knots, found[1], keep)
+        final, answer = in_cycles(thin, knots, found, keep)
         moments = np.interp(asked, *_ends(asked[few], answer.moments, length, final.duration))
-        all_of_it = replace(answer, moments=moments)
-        made_all = at_pace(task, final, all_of_it, keep) if len(few) < len(asked) else None
-        return final, made_all or all_of_it
+        every = replace(answer, moments=moments)
+        made_all = at_pace(task, final, every, keep) if len(few) < len(asked) else None
+        return final, made_all or every
 
     def _fastest(
-        self, task: Task, knots: Knots, asked: FloatArray, length: int, keep: float
-    ) -> tuple[Answer, Answer] | None:
+        self,
+        task: Task,
+        knots: Knots,
+        asked: FloatArray,
+        length: int,
+        keep: float | FloatArray,
+        rounds: int = ROUNDS,
+    ) -> Answer | None:
         share = 1.0
         if task.end is not None and task.least is not None:
             share = length / float(task.least.sum())
-        return fastest(task, knots, np.maximum((asked + 0.5) * share, 1e-3), 1.0, keep)
+        return fastest(task, knots, np.maximum((asked + 0.5) * share, 1e-3), 1.0, keep, rounds)
 
 
 def _apart(moments: FloatArray, least: float) -> IntArray:

@@ -90,12 +90,12 @@ class Knots:
         self, position: FloatArray, velocity: FloatArray, acceleration: FloatArray
     ) -> FloatArray:
         """The three control points (3, J) of a state at the first knot."""
-        r = self.lengths[0]
+        r, both = self.lengths[0], self.lengths[:2].sum()
         return np.stack(
             [
                 position - r * velocity + r * r / 3.0 * acceleration,
                 position - r * r / 6.0 * acceleration,
-                position + r * velocity + r * r / 3.0 * acceleration,
+                position + (r + both) / 3.0 * velocity + r * both / 6.0 * acceleration,
             ]
         )
 
@@ -142,3 +142,44 @@ def even(cycles: int, most: float) -> IntArray:
     bounds = np.floor(np.arange(count + 1) * (cycles / count) + 0.5).astype(np.int64)
     lengths: IntArray = np.diff(bounds)
     return lengths
+
+
+def scaled(knots: Knots, cycles: int) -> IntArray:
+    """Lengths of the same segments in so many cycles altogether: whole ones, none below 1."""
+    count = len(knots)
+    bounds = np.floor(knots.time * (cycles / knots.duration) + 0.5).astype(np.int64)
+    least = np.arange(count + 1)
+    bounds = np.maximum.accumulate(bounds - least) + least  # each after the one before
+    bounds = np.minimum(bounds, cycles - least[::-1])
+    lengths: IntArray = np.diff(bounds)
+    return lengths
+
+
+def split(lengths: IntArray, most: float) -> IntArray:
+    """The same knots and more, so that no segment is longer than ``most``.
+
+    >>> split(np.array([10, 3]), 4.0).tolist()
+    [3, 4, 3, 3]
+    """
+    parts = np.maximum(1, np.ceil(lengths / max(most, 1.0) - 1e-9)).astype(np.int64)
+    ends = np.concatenate([[0], np.cumsum(lengths)])
+    share = np.arange(int(parts.sum())) - np.repeat(np.cumsum(parts) - parts, parts)
+    begin = np.repeat(ends[:-1], parts) + np.floor(
+        share * np.repeat(lengths / parts, parts) + 0.5
+    ).astype(np.int64)
+    made: IntArray = np.diff(np.append(begin, ends[-1]))
+    return made
+
+
+def going_on(left: IntArray, cycles: int, most: float) -> IntArray:
+    """Lengths for so many cycles that begin with segments ``left``; the others even.
+
+    >>> going_on(np.array([5, 4]), 20, 4).tolist()
+    [5, 4, 4, 3, 4]
+    >>> going_on(np.array([5, 4, 9]), 12, 4).tolist()
+    [5, 4, 3]
+    """
+    ends = np.cumsum(left)
+    kept = left[: int(np.searchsorted(ends, cycles, side="right"))]
+    rest = cycles - int(kept.sum())
+    return kept if rest == 0 else np.concatenate([kept, even(rest, most)])

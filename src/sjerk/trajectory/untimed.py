@@ -22,7 +22,7 @@ from sjerk.trajectory.joining import stops_of
 from sjerk.trajectory.parameterization import moments_of
 from sjerk.trajectory.programme import Answer, Task
 from sjerk.trajectory.segments import Followed, IntArray, Knot
-from sjerk.trajectory.spline import Knots, even
+from sjerk.trajectory.spline import Knots, going_on, split
 from sjerk.trajectory.trajectory import limits_of
 from sjerk.trajectory.window import (
     HAND_OUT,
@@ -202,7 +202,7 @@ class Untimed:
         self._exact = tolerance is None
         self._corridor = corridor
         soft = float((table[:, 1] / table[:, 2]).min())
-        self._spacing = max(2.0, soft / 4.0, self._stop / 100.0)
+        self._spacing = max(2.0, soft / 8.0, self._stop / 100.0)
 
     def plan(self, window: Window) -> Plan:
         """The fastest motion past all way-points of a window, to rest at the last."""
@@ -212,32 +212,32 @@ class Untimed:
         task = Task(self._table, self._unit, points[:-1], window.start, points[-1], box)
         keep: float | FloatArray = NONE if self._exact else 1.0
         if self._corridor is None:
-            knots, answer = self._fastest(task, keep, window.state.moving)
+            knots, answer = self._fastest(task, keep, window)
         else:
             rows = np.concatenate([np.zeros_like(origin)[None], points])
             times = np.diff(moments_of(rows, self._table)) / self._spacing
             lines = Corridor(task, self._corridor, None if self._exact else 1.0, times)
-            knots, answer = lines.plan(lambda t, k: self._fastest(t, k, window.state.moving))
+            knots, answer = lines.plan(lambda t, k: self._fastest(t, k, window))
         moments = np.append(answer.moments + 0.5, knots.duration + 1.0)
         return Plan(knots, answer, moments, moments, True)
 
     def _fastest(
-        self, task: Task, keep: float | FloatArray, moving: bool
+        self, task: Task, keep: float | FloatArray, window: Window
     ) -> tuple[Knots, Answer]:
         assert task.end is not None
         rows = np.concatenate([np.zeros_like(task.end)[None], task.points, task.end[None]])
-        moments = moments_of(rows, self._table, task.start[1] if moving else None)
-        length = max(8, int(np.ceil(moments[-1])))
+        moments = moments_of(rows, self._table, task.start[1] if window.state.moving else None)
+        length = max(8, int(np.ceil(moments[-1])), int(window.left.sum()))
         most = min(self._spacing, length / _FEWEST)
         if np.max(keep) <= NONE and len(task.points):  # to be met exactly: knots enough
             most = min(most, float(np.quantile(np.diff(moments), 0.05)) / _PER_POINT)
         most = min(max(most, 2.0), length / 8.0)
-        knots = Knots(even(length, most))
+        knots = Knots(split(going_on(window.left, length, most), most))
         begun = moments[1:-1] * (length / moments[-1])
         keep = np.maximum(keep, resolution(task, knots, begun, keep))
         for _ in range(8):
             found = fastest(task, knots, begun, 1.0, keep)
             if found is not None:
-                return in_cycles(task, knots, found[1], keep)
+                return in_cycles(task, knots, found, keep)
             keep = 10.0 * np.maximum(keep, 1e-2)
         raise PlanError("points: no motion was found that keeps the limits")

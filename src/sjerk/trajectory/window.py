@@ -103,6 +103,7 @@ class Window:
         self.speeds = np.empty((0, joints))
         self.gaps = np.empty(0)
         self.over = 0.0
+        self.left: IntArray = np.empty(0, dtype=np.int64)  # segments planned and not handed out
         self.first, self.first_cycle, self.next_point = 0, 0, 1
         self._lost = 0.0  # cycles of stretch that are not whole yet
 
@@ -156,6 +157,7 @@ class Window:
         )  # fmt: skip
         np.minimum(made.ahead, self.next_point + len(self.points) - 1, out=made.ahead)
         self._forget(plan, passed, int(ends[-1]))
+        self.left = knots.lengths[count:].astype(np.int64)
         self.first += count
         self.state = Knot.of(made)
         return made
