@@ -91,19 +91,16 @@ def first_answer(task: Task, knots: Knots, moments: FloatArray, pace: float) -> 
     return Answer(control, moments, pace, 0.0)
 
 
-def fastest(
+def feasible(
     task: Task,
     knots: Knots,
     moments: FloatArray,
     pace: float,
     keep: float | FloatArray,
-    rounds: int = ROUNDS,
 ) -> Answer | None:
-    """From moments to begin with, the fastest found in so many rounds (0: for these moments)."""
-    mean = float(knots.lengths.mean())
+    """A motion with these moments, or with others near by where there is none; None: none found."""
     answer = first_answer(task, knots, moments, pace)
-    n = len(moments)
-    reach, still = 0.3 * mean, 0
+    n, reach = len(moments), 0.3 * float(knots.lengths.mean())
     made = settle(task, knots, answer, keep, 25)
     for _ in range(12):  # not with these moments: move them first
         if made is not None or n == 0:
@@ -121,30 +118,25 @@ def fastest(
         made = settle(task, knots, replace(slow, moments=nearest(task, knots, slow)), keep, 8)
         if made is None:
             made = settle(task, knots, slow, keep, 8)
-    if made is None:
-        return None
-    best = made
+    return made
+
+
+def fastest(
+    task: Task, knots: Knots, best: Answer, keep: float | FloatArray, rounds: int = ROUNDS
+) -> Answer:
+    """From a motion to begin with, the fastest found in so many rounds."""
+    mean, n = float(knots.lengths.mean()), len(best.moments)
+    reach, still = 0.3 * mean, 0
     for _ in range(rounds if n else 0):
         step = Programme(task, knots, best, move=True, paced=True).solve(
             keep=keep, reach=np.full(n, reach), slower=0.2, near=1e-7
         )
         found, share = None, 1.0
         for share in (1.0, 0.5, 0.25) if step else ():  # along the step, less if that does not help
-            way = Answer(
-                best.control + share * (step.control - best.control),
-                best.moments + share * (step.moments - best.moments),
-                best.pace + share * (step.pace - best.pace),
-                0.0,
-            )
-            if not _ordered(way.moments, knots):
-                continue
-            for moved in (nearest(task, knots, way), way.moments):
-                found = settle(task, knots, replace(way, moments=moved), keep, 3)
-                if found is not None and found.pace < best.pace:
-                    break
-            if found is not None and found.pace < best.pace:
+            found = _settled_along(task, knots, best, step, share, keep)
+            if found is not None:
                 break
-        if found is not None and found.pace < best.pace:
+        if found is not None:
             still = still + 1 if found.pace > best.pace * (1.0 - _GAIN) else 0
             best = found
             reach = min(reach * 1.5, 4.0 * mean) if share == 1.0 else reach * 0.7
@@ -153,6 +145,31 @@ def fastest(
         if still > 2 or reach < 1e-4 * mean:
             break
     return best
+
+
+def _settled_along(
+    task: Task,
+    knots: Knots,
+    best: Answer,
+    step: Answer | None,
+    share: float,
+    keep: float | FloatArray,
+) -> Answer | None:
+    """A faster motion with the moments of a part of a step; None: there is none."""
+    assert step is not None
+    way = Answer(
+        best.control + share * (step.control - best.control),
+        best.moments + share * (step.moments - best.moments),
+        best.pace + share * (step.pace - best.pace),
+        0.0,
+    )
+    if not _ordered(way.moments, knots):
+        return None
+    for moments in (nearest(task, knots, way), way.moments):
+        found = settle(task, knots, replace(way, moments=moments), keep, 3)
+        if found is not None and found.pace < best.pace:
+            return found
+    return None
 
 
 def whole(
@@ -164,14 +181,16 @@ def whole(
         cycles = max(int(np.ceil(length - 1e-6)) + more, len(knots))
         own = Knots(scaled(knots, cycles))
         answer = Answer(best.control, best.moments * (cycles / knots.duration), 1.0, 0.0)
-        answer = replace(answer, moments=nearest(task, own, answer))
         for _ in range(3):
             made = settle(task, own, answer, keep, 6)
             if made is None:
+                near = replace(answer, moments=nearest(task, own, answer))
+                made = settle(task, own, near, keep, 6)
+            if made is None:
                 break
             if made.pace <= 1.0 + 1e-9:
-                done = at_pace(task, own, replace(made, pace=1.0), keep)
-                if done is not None and done.excess <= NONE:
+                done = _slowed(task, own, made, keep)
+                if done is not None:
                     return own, done
                 break
             if not len(made.moments):
@@ -182,6 +201,31 @@ def whole(
             if step is None or not _ordered(step.moments, own):
                 break
             answer = replace(step, moments=nearest(task, own, step))
+    return None
+
+
+def _slowed(
+    task: Task, knots: Knots, made: Answer, keep: float | FloatArray
+) -> Answer | None:
+    """At pace 1 what is possible faster; from motion the moments are others then."""
+    n, reach = len(made.moments), 0.3 * float(knots.lengths.mean())
+    answer = replace(made, pace=1.0)
+    done = at_pace(task, knots, answer, keep, most=NONE)
+    if done is not None or not n:
+        return done
+    answer = replace(answer, moments=made.moments * made.pace)  # at the same time
+    for _ in range(4):
+        step = Programme(task, knots, answer, move=True, paced=False).solve(
+            keep=keep, reach=np.full(n, reach)
+        )
+        if step is None or not _ordered(step.moments, knots):
+            return None
+        for moments in (nearest(task, knots, step), step.moments):
+            answer = replace(step, moments=moments)
+            if slowest(task, knots, moments) <= 1.0 + 1e-9:
+                done = at_pace(task, knots, answer, keep, most=NONE)
+                if done is not None:
+                    return done
     return None
 
 
@@ -208,7 +252,7 @@ def resolution(
     task: Task, knots: Knots, moments: FloatArray, keep: float | FloatArray
 ) -> float | FloatArray:
     """What tolerance (in tolerances) these knots can meet at all, whatever the limits."""
-    loose = replace(task, limits=task.limits * 8.0 ** np.arange(1, 4))
+    loose = replace(task, limits=task.limits * 1e3 ** np.arange(1, 4))
     made = at_pace(loose, knots, first_answer(task, knots, moments, 1.0), keep)
     return keep if made is None or made.excess < NONE else keep + 1.1 * made.excess
 

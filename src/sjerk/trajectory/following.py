@@ -8,14 +8,15 @@ has the method. Never here: shared memory, drives.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from sjerk.errors import InputError, PlanError, positive
 from sjerk.profile import CYCLES_MAX, FloatArray, Limits
-from sjerk.trajectory.fastest import NONE, ROUNDS, at_pace, fastest, first_answer, in_cycles, resolution
+from sjerk.trajectory.fastest import NONE, at_pace, fastest, feasible, first_answer, in_cycles, resolution
+from sjerk.trajectory.parameterization import moments_of
 from sjerk.trajectory.programme import Answer, Task
 from sjerk.trajectory.segments import Followed, Knot
 from sjerk.trajectory.spline import IntArray, Knots, going_on, split
@@ -36,7 +37,7 @@ from sjerk.trajectory.window import (
 _FEWEST = 8
 #: A stretch for which finer knots are worth trying.
 _NEARLY = 0.05
-#: Where ten times the tolerance saves more than this share of the time, it is below the noise.
+#: Where ten times the tolerance saves more than this share of a uniform stretch, it is noise.
 _NOISE = 0.05
 
 
@@ -210,7 +211,7 @@ class Timed:
         self._use_velocities = use_velocities
         self._stop = stop_of(table)
         soft = float((table[:, 1] / table[:, 2]).min())
-        self._spacing = max(2.0, soft / 8.0, self._stop / 100.0)
+        self._spacing = max(2.0, soft / 3.0, self._stop / 60.0)
 
     def plan(self, window: Window, ends: bool) -> Plan:
         """A motion past all way-points of a window; ``ends``: to rest at the last one."""
@@ -271,60 +272,81 @@ class Timed:
         self, task: Task, asked: FloatArray, left: IntArray, length: int
     ) -> tuple[Knots, Answer]:
         """Nearly in time, with finer knots; else the fastest motion that is never faster than asked."""
-        knots = self._knots(left, length, 1.0)
-        few = _apart(asked, 0.7 * float(knots.lengths.mean()))
-        thin = replace(
-            task,
-            points=task.points[few],
-            speed=None,
-            least=_sums(task.least, few, task.end is not None),
-        )
-        keep = resolution(thin, knots, asked[few], 1.0)
-        uniform = self._fastest(thin, knots, asked[few], length, keep, rounds=0)
-        if uniform is None or uniform.pace < 1.0 + _NEARLY:
+        assert task.least is not None
+        share = 1.0 if task.end is None else length / float(task.least.sum())
+        moments = np.maximum((asked + 0.5) * share, 1e-3)
+        start = self._start(task, moments, left, length)
+        if start.answer is None or start.answer.pace < 1.0 + _NEARLY:
             for finer, more in ((2.0, 1), (4.0, 1), (8.0, 1), (4.0, 4), (4.0, 10)):
                 late = more if task.end is not None else 0
-                if finer > 2.0 * float(knots.lengths.mean()):
+                if finer > 2.0 * float(start.knots.lengths.mean()):
                     continue
                 made = self._own_time(task, asked, left, length + late, finer, 0.5 * late)
                 if made is not None:
                     return made
-        found = self._fastest(thin, knots, asked[few], length, keep)
-        while keep < 1e7 and (found is None or found.pace > 1.0 + _NOISE):
-            other = self._fastest(thin, knots, asked[few], length, 10.0 * keep)
-            if found is not None and (other is None or other.pace > (1.0 - _NOISE) * found.pace):
-                break
-            found, keep = other, 10.0 * keep
-        if found is None:
+        if start.answer is None or start.answer.pace > 1.0 + _NEARLY:
+            rows = [0.0 * task.start[:1], task.points]
+            rows += [] if task.end is None else [task.end[None]]
+            ends = np.cumsum(np.maximum(_least_gaps(np.concatenate(rows), self._table), task.least))
+            total = float(ends[-1]) + (0.0 if task.end is not None else length - float(asked[-1]))
+            other = self._start(task, ends[: len(asked)], left, int(np.ceil(total)))
+            start = min(start, other, key=lambda x: x.length)
+        if start.answer is None:
             raise PlanError("way-points: no motion was found that keeps the limits")
-        final, answer = in_cycles(thin, knots, found, keep)
-        moments = np.interp(asked, *_ends(asked[few], answer.moments, length, final.duration))
-        every = replace(answer, moments=moments)
-        made_all = at_pace(task, final, every, keep) if len(few) < len(asked) else None
-        return final, made_all or every
+        few, keep = start.few, start.keep
+        found = fastest(start.task, start.knots, start.answer, keep)
+        final, answer = in_cycles(start.task, start.knots, found, keep)
+        ends = np.append(asked[few], length), np.append(answer.moments, final.duration)
+        every = np.interp(asked, *(np.concatenate([[-0.5], column]) for column in ends))
+        answer = replace(answer, moments=every)
+        made_all = at_pace(task, final, answer, keep) if len(few) < len(asked) else None
+        return final, made_all or answer
 
-    def _fastest(
-        self,
-        task: Task,
-        knots: Knots,
-        asked: FloatArray,
-        length: int,
-        keep: float | FloatArray,
-        rounds: int = ROUNDS,
-    ) -> Answer | None:
-        share = 1.0
-        if task.end is not None and task.least is not None:
-            share = length / float(task.least.sum())
-        return fastest(task, knots, np.maximum((asked + 0.5) * share, 1e-3), 1.0, keep, rounds)
+    def _start(self, task: Task, moments: FloatArray, left: IntArray, length: int) -> _Start:
+        """A motion to begin with; the tolerance is raised where it is below the noise."""
+        knots = self._knots(left, length, 1.0)
+        few = _apart(moments, 0.7 * float(knots.lengths.mean()), np.inf)
+        least = _sums(task.least, few, task.end is not None)
+        thin = replace(task, points=task.points[few], speed=None, least=least)
+        keep = resolution(thin, knots, moments[few], 1.0)
+        answer = feasible(thin, knots, moments[few], 1.0, keep)
+        while np.max(keep) < 1e7 and (answer is None or answer.pace > 1.0 + _NOISE):
+            other = feasible(thin, knots, moments[few], 1.0, 10.0 * keep)
+            if answer is not None and (other is None or other.pace > (1.0 - _NOISE) * answer.pace):
+                break
+            answer, keep = other, 10.0 * keep
+        return _Start(thin, knots, few, keep, answer)
 
 
-def _apart(moments: FloatArray, least: float) -> IntArray:
-    """Indices of moments so far apart, from the first on."""
-    if not len(moments) or float(np.diff(moments).min(initial=np.inf)) >= least:
-        return np.arange(len(moments))
-    kept, at = [], -np.inf
+@dataclass(frozen=True, eq=False)
+class _Start:
+    """A motion past ``few`` of the way-points, within so many tolerances."""
+
+    task: Task
+    knots: Knots
+    few: IntArray
+    keep: float | FloatArray
+    answer: Answer | None
+
+    @property
+    def length(self) -> float:
+        return np.inf if self.answer is None else self.answer.pace * self.knots.duration
+
+
+def _least_gaps(rows: FloatArray, table: FloatArray) -> FloatArray:
+    """Cycles from row to row (n - 1,), roughly, where there are no times."""
+    way = (np.diff(rows, axis=0) != 0.0).any(axis=1)
+    gaps = np.zeros(len(rows) - 1)
+    if way.any():
+        gaps[way] = np.diff(moments_of(rows[np.concatenate([[True], way])], table))
+    return gaps
+
+
+def _apart(moments: FloatArray, least: float, end: float) -> IntArray:
+    """Indices of moments so far apart, from 0 to ``end``, both without a way-point."""
+    kept, at = [], 0.0
     for i, moment in enumerate(moments.tolist()):
-        if moment - at >= least:
+        if moment - at >= least and end - moment >= least:
             kept.append(i)
             at = moment
     return np.array(kept, dtype=np.int64)
@@ -337,12 +359,3 @@ def _sums(least: FloatArray | None, kept: IntArray, ends: bool) -> FloatArray:
     some = np.append(at[kept], at[-1]) if ends else at[kept]
     gaps: FloatArray = np.diff(some, prepend=0.0)
     return gaps
-
-
-def _ends(
-    asked: FloatArray, moments: FloatArray, length: float, duration: float
-) -> tuple[FloatArray, FloatArray]:
-    return (
-        np.concatenate([[-0.5], asked, [length + 0.5]]),
-        np.concatenate([[-0.5], moments, [duration + 0.5]]),
-    )

@@ -330,14 +330,14 @@ class Programme:
         *,
         keep: float | FloatArray,
         reach: FloatArray | None = None,
-        slower: float = 0.3,
+        slower: float = np.inf,
         near: float = 1e-8,
         steps: int = 80,
     ) -> Answer | None:
         """Return the next answer; None: there is none.
 
-        ``keep``: share of the tolerance that costs no excess; ``reach`` (n,): by how much moments
-        may move; ``slower``: by what share the pace may.
+        ``keep``: how many tolerances cost no excess; ``reach`` (n,): by how much moments may move;
+        ``slower``: by what share the pace may rise; it may fall by 0.3.
         """
         task, before = self._task, self._before
         n, pace = len(task.points), before.pace
@@ -358,7 +358,7 @@ class Programme:
             self._rows(self._moment[self._own][:, None], np.ones((n, 1)) / reach[:, None], -1.0, 1.0)
         if self._paced:
             nothing = np.zeros((1, 1), dtype=np.int64)
-            self._rows(nothing, np.zeros((1, 1)), 1.0 - slower, 1.0 + slower, pace=(1.0 / pace, 1.0 / pace))
+            self._rows(nothing, np.zeros((1, 1)), 0.7, 1.0 + slower, pace=(1.0 / pace, 1.0 / pace))
         x = np.zeros(self._count + 2)
         x[self._place[self._free]] = ((before.control - self._origin) / task.scale)[self._free]
         gradient = np.zeros(len(x))

@@ -17,7 +17,7 @@ from sjerk.errors import InputError, PlanError, positive
 from sjerk.planner.planning import Motion, plan
 from sjerk.profile import FloatArray, Limits
 from sjerk.trajectory.corridor import Corridor
-from sjerk.trajectory.fastest import NONE, fastest, in_cycles, resolution
+from sjerk.trajectory.fastest import NONE, fastest, feasible, in_cycles, resolution
 from sjerk.trajectory.joining import stops_of
 from sjerk.trajectory.parameterization import moments_of
 from sjerk.trajectory.programme import Answer, Task
@@ -37,7 +37,7 @@ from sjerk.trajectory.window import (
 )
 
 #: Knots per way-point where these are to be met exactly, and fewest of a motion.
-_PER_POINT, _FEWEST = 1.6, 24
+_PER_POINT, _FEWEST = 1.6, 40
 #: Way-points of a window, to begin with; and most for which stopping at each is compared.
 _SOME, _STOPS = 256, 64
 
@@ -202,7 +202,7 @@ class Untimed:
         self._exact = tolerance is None
         self._corridor = corridor
         soft = float((table[:, 1] / table[:, 2]).min())
-        self._spacing = max(2.0, soft / 8.0, self._stop / 100.0)
+        self._spacing = max(2.0, soft / 3.0, self._stop / 60.0)
 
     def plan(self, window: Window) -> Plan:
         """The fastest motion past all way-points of a window, to rest at the last."""
@@ -236,8 +236,8 @@ class Untimed:
         begun = moments[1:-1] * (length / moments[-1])
         keep = np.maximum(keep, resolution(task, knots, begun, keep))
         for _ in range(8):
-            found = fastest(task, knots, begun, 1.0, keep)
+            found = feasible(task, knots, begun, 1.0, keep)
             if found is not None:
-                return in_cycles(task, knots, found, keep)
+                return in_cycles(task, knots, fastest(task, knots, found, keep), keep)
             keep = 10.0 * np.maximum(keep, 1e-2)
         raise PlanError("points: no motion was found that keeps the limits")
