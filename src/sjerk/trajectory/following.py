@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from sjerk.errors import InputError, PlanError, positive
 from sjerk.profile import CYCLES_MAX, FloatArray, Limits
-from sjerk.trajectory.fastest import NONE, at_pace, fastest, feasible, first_answer, in_cycles, resolution
+from sjerk.trajectory.fastest import NONE, at_pace, fastest, feasible, first_answer, in_cycles, places, resolution
 from sjerk.trajectory.parameterization import moments_of
 from sjerk.trajectory.programme import Answer, Task
 from sjerk.trajectory.segments import Followed, Knot
@@ -35,6 +35,8 @@ from sjerk.trajectory.window import (
 
 #: Fewest segments of a motion from rest to rest, and of one at all.
 _FEWEST = 8
+#: Finer knots, and cycles more: what is tried where the own time nearly keeps the limits.
+_LADDER = ((2.0, 1), (4.0, 1), (4.0, 2), (8.0, 2), (4.0, 4), (4.0, 10))
 #: A stretch for which finer knots are worth trying.
 _NEARLY = 0.05
 #: Where ten times the tolerance saves more than this share of a uniform stretch, it is noise.
@@ -277,35 +279,60 @@ class Timed:
         moments = np.maximum((asked + 0.5) * share, 1e-3)
         start = self._start(task, moments, left, length)
         if start.answer is None or start.answer.pace < 1.0 + _NEARLY:
-            for finer, more in ((2.0, 1), (4.0, 1), (8.0, 1), (4.0, 4), (4.0, 10)):
+            for finer, more in _LADDER:
                 late = more if task.end is not None else 0
                 if finer > 2.0 * float(start.knots.lengths.mean()):
                     continue
                 made = self._own_time(task, asked, left, length + late, finer, 0.5 * late)
                 if made is not None:
                     return made
+        starts = [start]
         if start.answer is None or start.answer.pace > 1.0 + _NEARLY:
             rows = [0.0 * task.start[:1], task.points]
             rows += [] if task.end is None else [task.end[None]]
             ends = np.cumsum(np.maximum(_least_gaps(np.concatenate(rows), self._table), task.least))
             total = float(ends[-1]) + (0.0 if task.end is not None else length - float(asked[-1]))
-            other = self._start(task, ends[: len(asked)], left, int(np.ceil(total)))
-            start = min(start, other, key=lambda x: x.length)
-        if start.answer is None:
+            starts.append(self._start(task, ends[: len(asked)], left, int(np.ceil(total))))
+        best: tuple[float, Knots, Answer] | None = None
+        for start in sorted(starts, key=lambda x: x.length):
+            made = self._finished(task, asked, length, start)
+            if made is not None and (best is None or made[0] < best[0]):
+                best = made
+            if best is not None and best[0] <= 1.0:
+                break
+        if best is None:
             raise PlanError("way-points: no motion was found that keeps the limits")
+        return best[1], best[2]
+
+    def _finished(
+        self, task: Task, asked: FloatArray, length: int, start: _Start
+    ) -> tuple[float, Knots, Answer] | None:
+        """In whole cycles and past all way-points; first, how much further off than it should be."""
+        if start.answer is None:
+            return None
         few, keep = start.few, start.keep
         found = fastest(start.task, start.knots, start.answer, keep)
         final, answer = in_cycles(start.task, start.knots, found, keep)
         ends = np.append(asked[few], length), np.append(answer.moments, final.duration)
         every = np.interp(asked, *(np.concatenate([[-0.5], column]) for column in ends))
         answer = replace(answer, moments=every)
-        made_all = at_pace(task, final, answer, keep) if len(few) < len(asked) else None
-        return final, made_all or answer
+        if len(few) == len(asked):
+            return 0.0, final, answer
+        answer = at_pace(task, final, answer, keep) or answer
+        far = float((np.abs(places(final, answer) - task.points) / task.unit).max())
+        least = keep
+        if float(np.diff(asked, prepend=-0.5).min()) >= 1.0:  # sampled no denser than cycles
+            least = resolution(task, final, every, keep)
+        return far / (3.0 * float(np.max(least))), final, answer
 
     def _start(self, task: Task, moments: FloatArray, left: IntArray, length: int) -> _Start:
         """A motion to begin with; the tolerance is raised where it is below the noise."""
         knots = self._knots(left, length, 1.0)
-        few = _apart(moments, 0.7 * float(knots.lengths.mean()), np.inf)
+        few = _apart(
+            moments,
+            0.7 * float(knots.lengths.mean()),
+            np.inf if task.end is None else knots.duration,
+        )
         least = _sums(task.least, few, task.end is not None)
         thin = replace(task, points=task.points[few], speed=None, least=least)
         keep = resolution(thin, knots, moments[few], 1.0)

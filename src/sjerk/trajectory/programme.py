@@ -293,7 +293,7 @@ class Programme:
         for order, stencil in enumerate(stencils, start=1):
             unit = task.scale / (task.limits[:, order - 1] * (1.0 - _ROOM) * pace**order)
             first = np.arange(len(stencil))
-            weight = _SMOOTH if order == 3 else 0.0
+            weight = (1e-2 * _SMOOTH if self._paced else _SMOOTH) if order == 3 else 0.0
             if self._paced:  # at the pace before: order pace - (order - 1)
                 least, slope = order - 1.0, order / pace
                 self._stencil(stencil, first, unit, least, -least, pace=(slope, -slope), weight=weight)
@@ -343,9 +343,11 @@ class Programme:
         n, pace = len(task.points), before.pace
         if n:
             target, unit = self._target, self._unit
+            # a wish, where nothing else is wished for: never against the pace
+            weight = 0.0 if self._paced else _NEAR / max(1.0, float(np.max(keep))) ** 2
             self._stencil(
                 self._reference, self._segment, unit, target - keep, target + keep,
-                rate=self._rate, excess=(1.0, -1.0), weight=_NEAR, target=target,
+                rate=self._rate, excess=(1.0, -1.0), weight=weight, target=target,
             )  # fmt: skip
             if task.speed is not None and self._moment is None:
                 gap = np.gradient(before.moments)[:, None] / 4.0 if n > 1 else np.ones((1, 1))
