@@ -38,7 +38,8 @@ class Task:
     ``limits`` (J, 3); ``unit`` (J,): tolerances; ``points`` (n, J); ``start`` (3, J): position,
     velocity, acceleration at the first knot; ``end`` (J,): rest at the last, or None: rest anywhere;
     ``box`` (J, 2): positions allowed, or None; ``least`` (n + 1,): cycles asked from way-point to
-    way-point, from the start to the end, or None: order only; ``speed`` (n, J): velocities wished.
+    way-point, from the start to the end, or None: order only; ``speed`` (n, J): velocities wished;
+    ``held`` (n,): 1 for way-points whose moments stay, on a knot; else 0.
     """
 
     limits: FloatArray
@@ -49,6 +50,7 @@ class Task:
     box: FloatArray | None = None
     least: FloatArray | None = None
     speed: FloatArray | None = None
+    held: FloatArray | None = None
     scale: FloatArray = field(init=False)
 
     def __post_init__(self) -> None:
@@ -357,7 +359,12 @@ class Programme:
                 )
         if self._moment is not None and n:
             assert reach is not None
-            self._rows(self._moment[self._own][:, None], np.ones((n, 1)) / reach[:, None], -1.0, 1.0)
+            mean = float(self._knots.lengths.mean())
+            most = reach / mean
+            if task.held is not None:
+                most = np.where(task.held > 0.0, 1e-9, most)
+            own = self._moment[self._own][:, None]
+            self._rows(own, np.full((n, 1), 1.0 / mean), -most, most)
         if self._paced:
             nothing = np.zeros((1, 1), dtype=np.int64)
             self._rows(nothing, np.zeros((1, 1)), 0.7, 1.0 + slower, pace=(1.0 / pace, 1.0 / pace))

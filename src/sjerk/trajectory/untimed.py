@@ -22,7 +22,7 @@ from sjerk.trajectory.joining import stops_of
 from sjerk.trajectory.parameterization import moments_of
 from sjerk.trajectory.programme import Answer, Task
 from sjerk.trajectory.segments import Followed, IntArray, Knot
-from sjerk.trajectory.spline import Knots, going_on, split
+from sjerk.trajectory.spline import Knots, going_on, split, through
 from sjerk.trajectory.trajectory import limits_of
 from sjerk.trajectory.window import (
     HAND_OUT,
@@ -39,7 +39,7 @@ from sjerk.trajectory.window import (
 #: Knots per way-point where these are to be met exactly, and fewest of a motion.
 _PER_POINT, _FEWEST = 1.6, 40
 #: Way-points of a window, to begin with; and most for which stopping at each is compared.
-_SOME, _STOPS = 256, 64
+_SOME, _STOPS = 32, 64
 
 
 def follow_path(
@@ -235,9 +235,28 @@ class Untimed:
         knots = Knots(split(going_on(window.left, length, most), most))
         begun = moments[1:-1] * (length / moments[-1])
         keep = np.maximum(keep, resolution(task, knots, begun, keep))
+        held = _on_limits(task)
+        free = task if held is None else replace(task, box=None)
+        task = replace(task, held=held)
         for _ in range(8):
-            found = feasible(task, knots, begun, 1.0, keep)
+            found = feasible(free, knots, begun, 1.0, keep)
+            if found is not None and held is not None:  # inside the limits, a knot at each turn
+                found = fastest(free, knots, found, keep)
+                knots = Knots(through(knots.lengths.astype(np.int64), found.moments[held > 0.0]))
+                near = np.argmin(np.abs(knots.time - found.moments[:, None]), axis=1)
+                begun = np.where(held > 0.0, knots.time[near], found.moments)
+                found = feasible(task, knots, begun, found.pace, keep)
             if found is not None:
                 return in_cycles(task, knots, fastest(task, knots, found, keep), keep)
             keep = 10.0 * np.maximum(keep, 1e-2)
         raise PlanError("points: no motion was found that keeps the limits")
+
+
+def _on_limits(task: Task) -> FloatArray | None:
+    """1 for way-points (n,) on a position limit, where the motion turns; None: there are none."""
+    if task.box is None or not len(task.points):
+        return None
+    near = 1e-9 * task.scale[:, None]
+    on = np.abs(task.points[:, :, None] - task.box) <= near
+    held: FloatArray = on.any(axis=(1, 2)).astype(np.float64)
+    return held if held.any() else None
