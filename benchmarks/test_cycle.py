@@ -47,10 +47,10 @@ def test_one_cycle_called_from_python(benchmark: Any, axes: int) -> None:
 def test_one_cycle_with_its_trace(benchmark: Any, axes: int) -> None:
     """The same with the trace that a recorder reads."""
     kernel = moving(axes)
-    kernel._tapped(None)
+    kernel.trace_to(None)
     benchmark.extra_info["per"] = 100
     benchmark.extra_info["against"] = {f"test_one_cycle_in_c[{axes}]": ""}
-    benchmark(lib.sj_kernel_cycles, kernel._kernel, 100)
+    benchmark(lib.sj_kernel_cycles, kernel.core, 100)
 
 
 @pytest.mark.parametrize("drive", ["simulated", "ideal"])

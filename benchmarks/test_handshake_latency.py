@@ -180,7 +180,7 @@ class Bench:
         assert compiler, "a C compiler is needed"
         files = [
             ROOT / "tests" / "stress" / "handshake_peer.c",
-            ROOT / "src" / "sjerk" / "dpram" / "_handshake.c",
+            *sorted((ROOT / "src" / "sjerk" / "dpram").glob("_*.c")),
         ]
         flags = ["-std=c11", "-O2", "-shared", "-fPIC", "-pthread", f"-I{ROOT / 'src' / 'sjerk'}"]
         subprocess.run([compiler, *flags, *map(str, files), "-o", str(self.peer)], check=True)

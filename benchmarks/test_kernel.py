@@ -23,10 +23,10 @@ from conftest import Report
 from sjerk import Axis, Clock, DriveConfig, Host, Limits, MotionKernel
 from sjerk._binding import ffi, lib
 from sjerk.cli.cyclictest import Cyclictest
-from sjerk.cli.demo import AFTER_S, COUNTS_PER_DEGREE, LIMITS, Record, _error, single_move, streamed
-from sjerk.host.timing import Distribution
-from sjerk.kernel.kernel import _copy
-from sjerk.trajectory.trajectory import read_recording, shipped_recording
+from sjerk.cli.demo import AFTER_S, COUNTS_PER_DEGREE, LIMITS, play, single_move, streamed
+from sjerk.host import Distribution
+from sjerk.kernel.memory import rehearsal
+from sjerk.trajectory import read_recording, shipped_recording
 
 HERE = Path(__file__).parent
 COUNTS = 2**24 / 360.0
@@ -69,11 +69,11 @@ def cycle_times(tmp_path_factory: pytest.TempPathFactory) -> Times:
     ) -> np.ndarray:
         out = np.zeros(cycles, dtype=np.uint64)
         external = int(kernel.axes[0].drive == "external")
-        at = int(ffi.cast("uintptr_t", kernel._kernel))
-        copy, memory = _copy(len(kernel.axes), kernel.cycle_time, clocked=False)
-        rehearsal = (rehearse, int(ffi.cast("uintptr_t", copy))) if spin_us else (None, None)
+        at = int(ffi.cast("uintptr_t", kernel.core))
+        copy, memory = rehearsal(len(kernel.axes), kernel.cycle_time, clocked=False)
+        pair = (rehearse, int(ffi.cast("uintptr_t", copy))) if spin_us else (None, None)
         waits = period_us * 1000, spin_us * 1000
-        run(None if empty else cycle, at, cycles, *waits, external, *rehearsal, out.ctypes.data)
+        run(None if empty else cycle, at, cycles, *waits, external, *pair, out.ctypes.data)
         memory.close()
         return out
 
@@ -151,7 +151,7 @@ def test_the_cycle_that_plans_all_axes(
     for _ in range(1000):
         host.move(rng.uniform(-60.0, 60.0, AXES).tolist(), synchronization=synchronization)
         seen.append(cycle_times(kernel, 1)[0])
-        assert host._frame().result == lib.SJ_RESULT_ACCEPTED
+        assert host.link.frame().result == lib.SJ_RESULT_ACCEPTED
         cycle_times(kernel, 2 if kept == "warm" else 200)
     name = f"planning all, sync {synchronization}, planned last {kept}"
     report.line(COMPUTING, f"{name:45} {percentiles(np.array(seen))} (goal: 20)")
@@ -161,7 +161,7 @@ def frames(host: Host, seconds: float) -> Iterator[tuple[int, int, np.ndarray]]:
     """Cycle, newest goal and histogram of computing time of every frame that is seen."""
     end, last = time.monotonic() + seconds, 0
     while time.monotonic() < end:
-        frame = host._frame()
+        frame = host.link.frame()
         if frame.cycle != last:
             last = frame.cycle
             histogram = ffi.buffer(ffi.addressof(frame.computing, "bucket"))
@@ -344,25 +344,26 @@ def test_the_experiment_of_the_paper(report: Report, period_us: int) -> None:
     """One move over the recorded path, and every recorded point streamed, as the demo does."""
     recording = read_recording(shipped_recording(), joint=None)
     start, end = float(recording.position[0]), float(recording.position[-1])
-    records = Record("one move"), Record("streamed")
+    runs = []
     with (
         MotionKernel([Axis(LIMITS, COUNTS_PER_DEGREE)], period_us * 1e-6) as kernel,
         kernel.host() as host,
         contextlib.redirect_stderr(None),
     ):
         host.enable()
-        for record, goals in zip(
-            records, (single_move(host, end), streamed(host, recording)), strict=True
+        for label, goals in (
+            ("one move", single_move(host, end)),
+            ("streamed", streamed(host, recording)),
         ):
             host.move(start).wait()
-            record.follow(host, goals, end)
+            runs.append(play(host, label, goals, end))
         timing = host.feedback().timing
-    for record in records:
+    for run in runs:
         report.line(
             f"the paper's experiment: error {AFTER_S:g} s after the end, increments of 2^24 a turn",
-            f"{period_us:4} us {record.label:9} period {timing.period.median * 1e6:7.1f} us, "
+            f"{period_us:4} us {run.label:9} period {timing.period.median * 1e6:7.1f} us, "
             f"computing median {timing.computing.median * 1e6:5.1f} p99 "
-            f"{timing.computing.p99 * 1e6:5.1f} us, final error {_error(record, end):2}, "
-            f"largest velocity {record.peak_velocity:.4f} of {LIMITS.velocity:g} deg/s",
+            f"{timing.computing.p99 * 1e6:5.1f} us, final error {run.error(end):2}, "
+            f"largest velocity {run.peak('velocity'):.4f} of {LIMITS.velocity:g} deg/s",
         )
-        assert record.peak_velocity <= LIMITS.velocity * (1 + 1e-9)
+        assert run.peak("velocity") <= LIMITS.velocity * (1 + 1e-9)

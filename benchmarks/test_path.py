@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from conftest import Report
-from sjerk import Axis, Limits, MotionKernel, Path, Trajectory, follow
+from sjerk import Axis, Host, Limits, MotionKernel, Path, Trajectory, follow
 from sjerk._binding import lib
-from sjerk.trajectory.trajectory import shipped_recording
+from sjerk.trajectory import shipped_recording
 
 T = 1e-3
 VELOCITY = [2.175] * 4 + [2.61] * 3
@@ -20,7 +20,7 @@ PANDA = [Limits(v, a, 500.0) for v, a in zip(VELOCITY, ACCELERATION, strict=True
 TABLE = "a path in play: Panda, seven joints, ideal drives, thread CPU time of a cycle in us"
 
 
-def kernel_at(position: list[float], limits: list[Limits]) -> MotionKernel:
+def kernel_at(position: list[float], limits: list[Limits]) -> tuple[MotionKernel, Host]:
     """Seven ideal drives, enabled, at rest there."""
     kernel = MotionKernel([Axis(limit, 1e6, "ideal") for limit in limits], T)
     host = kernel.host()
@@ -30,7 +30,7 @@ def kernel_at(position: list[float], limits: list[Limits]) -> MotionKernel:
     while not move.done:
         kernel.step(100)
     kernel.step(5)
-    return kernel
+    return kernel, host
 
 
 def long_way(cycles: int) -> Trajectory:
@@ -44,9 +44,7 @@ def long_way(cycles: int) -> Trajectory:
 def playing(speed: float) -> tuple[MotionKernel, Path]:
     """A kernel in the midst of a long path."""
     way = long_way(190_000)
-    kernel = kernel_at(way.position[0].tolist(), PANDA)
-    host = kernel._host
-    assert host is not None
+    kernel, host = kernel_at(way.position[0].tolist(), PANDA)
     path = host.follow(follow(way, PANDA, T))
     for _ in range(60):
         path.pump()
@@ -59,9 +57,8 @@ def playing(speed: float) -> tuple[MotionKernel, Path]:
 def test_seven_axes_interpolated(benchmark: Any) -> None:
     """Per cycle of a kernel whose axes follow a move of an hour."""
     slow = [Limits(0.01, limit.acceleration, limit.jerk) for limit in PANDA]
-    kernel = kernel_at([0.0] * 7, slow)
-    assert kernel._host is not None
-    kernel._host.move([36.0] * 7)
+    kernel, host = kernel_at([0.0] * 7, slow)
+    host.move([36.0] * 7)
     kernel.step(100)
     benchmark.extra_info["per"] = 100
     benchmark.pedantic(kernel.step, (100,), rounds=500)
@@ -90,11 +87,10 @@ def test_cycles_that_check_a_stop(report: Report) -> None:
     blocks = list(follow(way, PANDA, T, use_velocities=False))
     before, checking, rests = [], [], []
     for moment in np.random.default_rng(0).integers(200, int(way.duration / T) - 800, 40).tolist():
-        kernel = kernel_at(way.position[0].tolist(), PANDA)
-        assert kernel._host is not None
-        path = kernel._host.follow(blocks)
+        kernel, host = kernel_at(way.position[0].tolist(), PANDA)
+        path = host.follow(blocks)
         kernel.step(20)
-        raw = kernel._kernel
+        raw = kernel.core
         before += [cpu_of(raw) for _ in range(moment)]
         path.pause()
         count = len(checking)

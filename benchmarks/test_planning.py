@@ -7,22 +7,18 @@ is taken off where sjerk's own C cost stands beside it.
 from __future__ import annotations
 
 import os
-import sys
 import time
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from conftest import Report
+from helpers import planner_check as check
 from sjerk import Limits, State, plan, plan_many
 from sjerk._binding import ffi, lib
-from sjerk.planner.planning import _PHASES, _ROOM, _ROW
-
-sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
-import planner_check as check
+from sjerk.planner.batch import PHASE, PHASES_MAX, ROW
 
 ruckig = pytest.importorskip("ruckig")
 
@@ -72,8 +68,8 @@ class Rows:
     def __init__(self, r: check.Requests) -> None:
         self.start, self.target = (np.ascontiguousarray(x) for x in (r.start, r.target))
         self.limits = r.limits * np.array([T, T**2, T**3, T**2, T**3])
-        self.rows = np.empty(len(r), dtype=_ROW)
-        self.pool = np.empty(len(r) * _ROOM, dtype=_PHASES)
+        self.rows = np.empty(len(r), dtype=ROW)
+        self.pool = np.empty(len(r) * PHASES_MAX, dtype=PHASE)
         self.failed = ffi.new("int64_t *")
 
     def run(self, first: int = 0, n: int | None = None) -> None:

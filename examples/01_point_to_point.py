@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 from sjerk import Limits, plan, scurve
-from sjerk.cli.plot import Curve, panels
+from sjerk.cli.pictures import Curve, panels
 
 T = 1e-3
 limits = Limits(velocity=90.0, acceleration=500.0, jerk=5000.0)

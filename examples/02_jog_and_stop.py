@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from sjerk import Limits, State, plan_velocity
-from sjerk.cli.plot import Curve, panels
+from sjerk.cli.pictures import Curve, panels
 
 T = 1e-3
 limits = Limits(90.0, 500.0, 5000.0, deceleration=300.0)

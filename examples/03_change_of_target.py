@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from sjerk import Axis, Limits, MotionKernel
-from sjerk.cli.plot import Curve, panels
+from sjerk.cli.pictures import Curve, panels
 
 T = 1e-3
 axis = Axis(Limits(velocity=90.0, acceleration=500.0, jerk=5000.0), counts_per_unit=2**24 / 360)

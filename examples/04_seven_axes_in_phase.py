@@ -11,8 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
-from sjerk import Limits, Motion, plan
-from sjerk.cli.plot import Curve, panels
+from sjerk import Limits, plan
+from sjerk.cli.pictures import Curve, panels
+from sjerk.planner import Motion
 
 T = 1e-3
 velocity = [2.175, 2.175, 2.175, 2.175, 2.61, 2.61, 2.61]

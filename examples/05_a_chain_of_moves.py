@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from sjerk import Axis, Limits, MotionKernel
-from sjerk.cli.plot import Curve, panels
-from sjerk.host.host import Buffer
+from sjerk.cli.pictures import Curve, panels
+from sjerk.host import Buffer
 
 T = 1e-3
 limits = Limits(90.0, 500.0, 5000.0)

@@ -15,10 +15,9 @@ import can
 import numpy as np
 
 from sjerk import Axis, Drive, Limits, MotionKernel
-from sjerk.cli.plot import Curve, panels
+from sjerk.cli.pictures import Curve, panels
 from sjerk.drive.device import Device
-from sjerk.ports.canopen.master import Master
-from sjerk.ports.canopen.node import Node, sender
+from sjerk.ports.canopen import Master, Node, sender
 
 T, NODE = 5e-3, 3
 counts_per_degree = 2**24 / 360.0

@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 
 from sjerk import GoalStream, Limits
-from sjerk.cli.plot import Curve, panels
+from sjerk.cli.pictures import Curve, panels
+from sjerk.trajectory import read_recording, shipped_recording
 from sjerk.trajectory.joining import join
 from sjerk.trajectory.segments import Knot, split
-from sjerk.trajectory.trajectory import read_recording, shipped_recording
 
 T, PERIOD = 1e-3, 0.1
 limits = Limits.from_jerk_factor(velocity=90.0, acceleration=214.0, jerk_factor=0.5)

@@ -19,9 +19,12 @@ HEADERS = (
     "base/_types.h",
     "planner/_planner.h",
     "dpram/_dpram.h",
+    "drive/_words.h",
     "drive/_drive.h",
     "_kernel.h",
-    "trajectory/_following.h",
+    "trajectory/_qp.h",
+    "trajectory/_horizon.h",
+    "trajectory/_samples.h",
     "trajectory/_arrow.h",
     "trajectory/_track.h",
     "trajectory/_pace.h",
@@ -29,6 +32,7 @@ HEADERS = (
     "cycle/_payload.h",
     "cycle/_trace_items.h",
     "cycle/_state.h",
+    "cycle/_cycle.h",
     "kernel/_clock.h",
 )
 C_ONLY = "/* For C only. */"

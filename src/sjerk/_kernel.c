@@ -77,7 +77,7 @@ void sj_lemma_sample(const sj_state *plan, double jerk, sj_state *sample)
 
 /* ---- loading a plan -------------------------------------------------------------------------- */
 
-/* How far the rounding of a plan may leave its end from the goal, relative to the way it covers and,
+/* How far the rounding of a plan may leave its end from the goal, relative to the distance it covers and,
  * a thousandth of it, to the limits it was made under. A plan that is further off was not made for
  * this start. */
 static const double landing_tolerance = 1e-9, of_limits = 1e-3;
@@ -90,8 +90,8 @@ static double level_after(double level, const sj_phase *phase)
     return fabs(end) <= 16.0 * DBL_EPSILON * fabs(change) ? 0.0 : end;
 }
 
-enum { PHASES_WIDE = 4 }; /* phases at once; SJ_PHASES is a multiple of it */
-_Static_assert(SJ_PHASES % PHASES_WIDE == 0, "no phase is left over");
+enum { SIMD_PHASES = 4 }; /* phases at once; SJ_PHASES is a multiple of it */
+_Static_assert(SJ_PHASES % SIMD_PHASES == 0, "no phase is left over");
 
 /* The phases of a plan by columns: what each needs of the others is its acceleration levels alone, so
  * that the divisions of all of them are done side by side. */
@@ -100,7 +100,7 @@ typedef struct {
     double level_hi[SJ_PHASES], level_lo[SJ_PHASES], end[SJ_PHASES]; /* A, and A_end */
     double jerk_hi[SJ_PHASES], jerk_lo[SJ_PHASES];
     double V_hi[SJ_PHASES], V_lo[SJ_PHASES];    /* what the phase adds to V */
-    double P_hi[SJ_PHASES], P_lo[SJ_PHASES];    /* and to P, beside n V */
+    double P_hi[SJ_PHASES], P_lo[SJ_PHASES];    /* and to P, besides n V */
 } columns;
 
 /* Lengths and levels, checked: enum sj_load_status. */
@@ -129,7 +129,7 @@ static int32_t levels_of(const sj_plan *plan, sj_exact level, double *steepest, 
         level = exact_of(end);
         cycles += phase->cycles;
     }
-    for (int32_t i = plan->count; i % PHASES_WIDE != 0; i++) {
+    for (int32_t i = plan->count; i % SIMD_PHASES != 0; i++) {
         c->cycles[i] = 1.0;
         c->level_hi[i] = c->level_lo[i] = c->end[i] = 0.0;
     }
@@ -137,10 +137,10 @@ static int32_t levels_of(const sj_plan *plan, sj_exact level, double *steepest, 
 }
 
 /* Eqs. (5), (3) over a phase: P += n V + n^2 (2 A + A_end) / 6,  V += n (A + A_end) / 2 */
-WIDE static void fill_columns(columns *restrict c, int32_t count)
+SIMD static void fill_columns(columns *restrict c, int32_t count)
 {
-    for (int32_t first = 0; first < count; first += PHASES_WIDE)
-        for (int32_t i = first; i < first + PHASES_WIDE; i++) {
+    for (int32_t first = 0; first < count; first += SIMD_PHASES)
+        for (int32_t i = first; i < first + SIMD_PHASES; i++) {
             double n = c->cycles[i];
             sj_exact A = {c->level_hi[i], c->level_lo[i]}, end = exact_of(c->end[i]);
             sj_exact jerk = exact_divide(exact_subtract(end, A), n);
@@ -209,7 +209,7 @@ int32_t sj_interpolator_load(sj_interpolator *ip, const sj_plan *plan, double go
     ip->count = plan->count;
     ip->leg = 0;
     ip->left = plan->count > 0 ? ip->legs[0].cycles : 0;
-    ip->ahead = plan->cycles + 1;
+    ip->cycles_left = plan->cycles + 1;
     return SJ_LOAD_OK;
 }
 
@@ -225,9 +225,9 @@ static void settle(sj_interpolator *ip)
 
 static void count_cycles(sj_interpolator *ip, int64_t cycles)
 {
-    if (ip->ahead > 0) {
-        ip->ahead -= cycles;
-        if (ip->ahead == 0)
+    if (ip->cycles_left > 0) {
+        ip->cycles_left -= cycles;
+        if (ip->cycles_left == 0)
             settle(ip);
     }
     if (ip->leg < ip->count) {
@@ -243,7 +243,7 @@ int32_t sj_interpolator_step(sj_interpolator *ip)
 {
     integrate(ip, ip->leg < ip->count ? ip->legs[ip->leg].jerk : exact_of(0.0));
     count_cycles(ip, 1);
-    return ip->ahead > 0;
+    return ip->cycles_left > 0;
 }
 
 enum { BLOCK = 256 }; /* cycles evaluated from one exact anchor */
@@ -262,7 +262,7 @@ static sj_exact cut(sj_exact x, int bits)
  * where what is spread over the cycles adds to a in v and q, and to v in q.
  * The products of the upper parts are exact (m: 8 bits), their sums carry their error along: each
  * q[m] is the nearest double of the exact sum, as from single steps. */
-WIDE static void fill_block(sj_interpolator *ip, double cycle_time_s, int64_t row, int n,
+SIMD static void fill_block(sj_interpolator *ip, double cycle_time_s, int64_t row, int n,
                             const sj_table *out)
 {
     sj_exact j12 = exact_divide(ip->j, 12.0);
@@ -356,6 +356,6 @@ int32_t sj_sample(const sj_plan *plan, const void *from, const void *to, double 
     out->acceleration[0] = start->acceleration;
     out->jerk[0] = 0.0;
     if (out->rows > last)
-        out->velocity[last] = end->velocity; /* not by way of cycle units and back */
+        out->velocity[last] = end->velocity; /* not converted to cycle units and back */
     return SJ_LOAD_OK;
 }

@@ -22,7 +22,7 @@ typedef struct {
     sj_exact spread_v, spread_q;        /* per cycle: what rounding the plan to doubles costs */
     double goal, goal_velocity;         /* the settled end, cycle N + 1 */
     int64_t left;                       /* cycles left of the present leg */
-    int64_t ahead;                      /* cycles until settled; 0 = settled */
+    int64_t cycles_left;                /* until settled; 0 = settled */
     int32_t leg, count;
     int32_t goal_free;                  /* 1: a change of velocity, the end position is open */
     int32_t reserved;

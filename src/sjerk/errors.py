@@ -14,7 +14,11 @@ class SjerkError(Exception):
 
 
 class InputError(SjerkError, ValueError):
-    """A value that cannot be used: names the ``field``, the ``value`` and the ``limit``."""
+    """A value that cannot be used: names the ``field``, the ``value`` and the ``limit``.
+
+    >>> print(InputError("velocity", -1.0, "must be greater than 0"))
+    velocity = -1.0: must be greater than 0
+    """
 
     def __init__(self, field: str, value: object, limit: str) -> None:
         super().__init__(f"{field} = {value!r}: {limit}")
@@ -115,11 +119,11 @@ class SegmentMissingError(HandshakeError):
 
 
 class SegmentTakenError(HandshakeError):
-    """A segment of this name exists and somebody living uses it."""
+    """A segment of this name exists and a living process uses it."""
 
 
 class SegmentStaleError(HandshakeError):
-    """A segment of this name exists, but nobody living uses it: its owners died."""
+    """A segment of this name exists, but no living process uses it: its owners died."""
 
 
 class SegmentOwnerError(HandshakeError):
@@ -167,7 +171,7 @@ class SegmentLayoutError(SegmentFormatError):
 
 
 class SegmentCorruptError(SegmentFormatError):
-    """A word or a checksum is impossible: somebody wrote who must not."""
+    """A word or a checksum is impossible: a process wrote that must not."""
 
 
 class HostTakenError(HandshakeError):

@@ -1,38 +1,45 @@
 """The dual-port RAM as Python sees it: who may map the segment, who may write, who is alive.
 
-A segment is a ``multiprocessing.shared_memory.SharedMemory``; how its bytes are laid out and
-exchanged is C (``_handshake.c``). Here are names, permissions, locks and errors; never what a
-command or a feedback frame means.
-
-A lock is a byte of the segment file itself, held by an open file description (``F_OFD_SETLK``): it
-ends with its process, however that dies, can be looked at without being taken, and leaves no file
-of its own behind. Three bytes are used, far beyond the content: host, kernel, and one that
-everybody who has the segment open shares.
+``Segment`` is one opened segment, ``HostWatch`` looks whether its host lives. This module is the
+front of the room: ``Layout`` and ``raise_for_status`` come from ``sjerk.dpram.layout``, ``clean``
+and ``SegmentInfo`` from ``sjerk.dpram.inventory``. How bytes are laid out and exchanged is C
+(``dpram/``). Never here: what a command or a feedback frame means.
 """
 
 from __future__ import annotations
 
 import contextlib
-import errno
 import fcntl
 import grp
-import mmap
 import os
-import re
-import stat
-import struct
-import sys
 import threading
 import time
 import weakref
-from collections.abc import Iterator
-from dataclasses import asdict, dataclass, fields
-from multiprocessing import shared_memory
 from types import TracebackType
 from typing import Any, Literal, NoReturn, Self
 
 from sjerk import errors
 from sjerk._binding import ffi, lib
+from sjerk.dpram.files import (
+    INCOMPLETE,
+    PREFIX,
+    TRACE,
+    Lock,
+    PrivateMemory,
+    ReadOnlyPages,
+    check_file,
+    check_name,
+    create_file,
+    give_name,
+    locked_by_other,
+    map_file,
+    open_file,
+    path_of,
+    still_named,
+    take_lock,
+)
+from sjerk.dpram.inventory import SegmentInfo, clean
+from sjerk.dpram.layout import Layout, check_content, raise_for_status
 
 __all__ = [
     "TRACE",
@@ -45,383 +52,22 @@ __all__ = [
     "raise_for_status",
 ]
 
+#: What a process is to a segment: it keeps it, commands through it, looks on, or is the kernel.
 Role = Literal["owner", "host", "monitor", "kernel"]
 
-_FOLDER = "/dev/shm"
-_PREFIX = "sjerk-"
-_MAGIC = b"sjerk-m\n"  # the first bytes of every segment, of whatever version
-_UNBORN = ".unborn"  # suffix of a segment that is not yet whole
-#: Ends the name of a segment that goes with the kernel of the name before it.
-TRACE = ".trace"
-_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*(\.trace)?")
-_LONGEST_NAME = 200  # file names end at 255 bytes
 
-# Bytes that are locked, never read or written: beyond any content.
-_LOCKS_AT = 1 << 40
-_HOST, _KERNEL, _PRESENT = _LOCKS_AT, _LOCKS_AT + 1, _LOCKS_AT + 2
-_FLOCK = "hhqqi4x"  # struct flock: type, whence, start, length, pid
-
-
-@dataclass(frozen=True, kw_only=True)
-class Layout:
-    """Sizes of what is exchanged; both sides must name the same.
-
-    ``command_bytes`` and ``feedback_bytes`` (1 .. 2**20) are one command and one feedback frame
-    for all axes. ``record_capacity`` look-ahead records of ``record_bytes`` wait in the ring,
-    ``event_capacity`` events of ``event_bytes`` are kept; capacities are powers of two, 0 for
-    none. ``abi`` is a hash of the payload layouts, so that two programs that mean different things
-    by the same sizes do not meet.
-
-    >>> Layout(command_bytes=512, feedback_bytes=512).size
-    28672
-    """
-
-    command_bytes: int
-    feedback_bytes: int
-    record_bytes: int = 0
-    record_capacity: int = 0
-    event_bytes: int = 0
-    event_capacity: int = 0
-    abi: int = 0
-
-    def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
-            most = 2**64 - 1 if field.name == "abi" else 2**20
-            if not isinstance(value, int) or isinstance(value, bool):
-                raise TypeError(f"Layout.{field.name} must be an int, not {value!r}")
-            if not 0 <= value <= most:
-                raise ValueError(f"Layout.{field.name} = {value} is outside 0 .. {most}")
-        for what, least in (("record_capacity", 1), ("event_capacity", 4)):
-            value = getattr(self, what)
-            if value and (value & (value - 1) or value < least):
-                raise ValueError(f"Layout.{what} = {value} is not 0 or a power of two >= {least}")
-        if not self.size:
-            zero = [
-                name
-                for name, needed in (
-                    ("command_bytes", True),
-                    ("feedback_bytes", True),
-                    ("record_bytes", self.record_capacity > 0),
-                    ("event_bytes", self.event_capacity > 0),
-                )
-                if needed and getattr(self, name) == 0
-            ]
-            raise ValueError(f"Layout.{zero[0]} = 0 must be > 0")
-
-    @property
-    def size(self) -> int:
-        """Bytes of a segment of this layout."""
-        return int(lib.sj_shm_size(self.config()))
-
-    def config(self) -> Any:
-        """The ``sj_shm_config *`` of this layout."""
-        return ffi.new("sj_shm_config *", asdict(self))
-
-
-# ---- errors -------------------------------------------------------------------------------------
-
-
-def raise_for_status(status: int, name: str = "") -> int:
-    """Return a status >= 0 as it is; raise the error of a negative ``enum sj_shm_status``."""
-    if status >= 0:
-        return status
-    who = f"segment {name!r}: " if name else "segment: "
-    kinds: dict[int, tuple[type[errors.SegmentFormatError], str]] = {
-        lib.SJ_SHM_NOT_READY: (
-            errors.SegmentNotReadyError,
-            "not ready: it is being created, or its creator died",
-        ),
-        lib.SJ_SHM_TRUNCATED: (errors.SegmentTruncatedError, "shorter than its layout needs"),
-        lib.SJ_SHM_MAGIC: (errors.SegmentGarbageError, "not a segment of sjerk"),
-        lib.SJ_SHM_VERSION: (
-            errors.SegmentVersionError,
-            f"made by another version of sjerk; this one reads layout {lib.SJ_SHM_MAJOR}.x",
-        ),
-        lib.SJ_SHM_ABI: (
-            errors.SegmentLayoutError,
-            "its payloads have another layout (ABI hash differs)",
-        ),
-        lib.SJ_SHM_CONFIG: (
-            errors.SegmentLayoutError,
-            "its sizes differ from the layout asked for",
-        ),
-        lib.SJ_SHM_CORRUPT_HEADER: (errors.SegmentGarbageError, "its header has been overwritten"),
-        lib.SJ_SHM_CORRUPT_WORD: (
-            errors.SegmentCorruptError,
-            "the command word is none of its twelve values",
-        ),
-        lib.SJ_SHM_CORRUPT_DATA: (
-            errors.SegmentCorruptError,
-            "a checksum fails: somebody writes without the lock",
-        ),
-        lib.SJ_SHM_CORRUPT_COUNTER: (errors.SegmentCorruptError, "a counter is impossible"),
-        lib.SJ_SHM_LAPPED: (
-            errors.SegmentFormatError,
-            "the reader was overtaken again and again; read once more",
-        ),
-    }
-    if status == lib.SJ_SHM_KERNEL_RESTARTED:
-        raise errors.KernelRestartedError(who + "the kernel has been restarted", name=name)
-    kind, text = kinds.get(status, (errors.SegmentFormatError, f"unknown status {status}"))
-    raise kind(who + text, name=name, status=status)
-
-
-# ---- names, files, locks ------------------------------------------------------------------------
-
-
-def _check_name(name: str) -> str:
-    if not isinstance(name, str):
-        raise TypeError(f"a kernel name must be a str, not {name!r}")
-    if len(name) > _LONGEST_NAME:
-        raise errors.SegmentNameError(
-            f"kernel name of {len(name)} characters is too long: at most {_LONGEST_NAME}", name=name
-        )
-    if not _NAME.fullmatch(name):
-        given = name.removesuffix(TRACE)
-        raise errors.SegmentNameError(
-            f"kernel name {given!r} must be letters, digits, '_' and '-', a letter or digit first",
-            name=name,
-        )
-    return name
-
-
-def _path(name: str) -> str:
-    return f"{_FOLDER}/{_PREFIX}{name}"
-
-
-def _lock(fd: int, kind: int, byte: int) -> bool:
-    """Take (or with F_UNLCK give back) a lock without waiting; False if another holds it."""
-    try:
-        fcntl.fcntl(fd, fcntl.F_OFD_SETLK, struct.pack(_FLOCK, kind, os.SEEK_SET, byte, 1, 0))
-    except OSError as error:
-        if error.errno in (errno.EAGAIN, errno.EACCES):
-            return False
-        raise
-    return True
-
-
-def _locked_by_other(fd: int, byte: int) -> bool:
-    """Whether anybody else holds the lock; looking does not take it."""
-    asked = struct.pack(_FLOCK, fcntl.F_WRLCK, os.SEEK_SET, byte, 1, 0)
-    kind: int = struct.unpack(_FLOCK, fcntl.fcntl(fd, fcntl.F_OFD_GETLK, asked))[0]
-    return kind != fcntl.F_UNLCK
-
-
-def _same_file(fd: int, path: str) -> bool:
-    """Whether the path still names the open file."""
-    try:
-        named = os.stat(path, follow_symlinks=False)
-    except FileNotFoundError:
-        return False
-    opened = os.fstat(fd)
-    return (named.st_ino, named.st_dev) == (opened.st_ino, opened.st_dev)
-
-
-def _open(name: str, path: str, flags: int) -> int:
-    try:  # not blocking: somebody may have put a pipe there
-        return os.open(path, flags | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
-    except FileNotFoundError:
-        raise errors.SegmentMissingError(
-            f"no segment {name!r}: no kernel of this name is running", name=name
-        ) from None
-    except PermissionError:
-        with contextlib.suppress(OSError):
-            uid = os.stat(path, follow_symlinks=False).st_uid
-            raise errors.SegmentOwnerError(
-                f"segment {name!r} of user {uid} refuses access to user {os.geteuid()}",
-                name=name,
-                uid=uid,
-            ) from None
-        raise
-    except OSError as error:
-        if error.errno in (errno.ELOOP, errno.EISDIR, errno.ENXIO):
-            raise errors.SegmentGarbageError(
-                f"{path} is not a segment but a link, folder or device", name=name
-            ) from None
-        raise
-
-
-# ---- the carrier --------------------------------------------------------------------------------
-
-
-class _Bypass:
-    """Stands in for the resource tracker while one SharedMemory is made, for that name only.
-
-    Before Python 3.13 every process that attaches registers the segment for deletion at its exit.
-    """
-
-    def __init__(self, real: Any, name: str) -> None:
-        self._real = real
-        self._name = name
-
-    def register(self, name: str, rtype: str) -> None:
-        if name.lstrip("/") != self._name:
-            self._real.register(name, rtype)
-
-    def __getattr__(self, attribute: str) -> Any:
-        return getattr(self._real, attribute)
-
-
-_bypass_lock = threading.Lock()
-
-
-def _shared_memory(name: str, *, create: bool = False, size: int = 0) -> shared_memory.SharedMemory:
-    """A SharedMemory that no resource tracker knows of."""
-    if sys.version_info >= (3, 13):
-        return shared_memory.SharedMemory(name, create=create, size=size, track=False)
-    module: Any = shared_memory
-    with _bypass_lock:
-        real = module.resource_tracker
-        module.resource_tracker = _Bypass(real, name)
-        try:
-            return shared_memory.SharedMemory(name, create=create, size=size)
-        finally:
-            module.resource_tracker = real
-
-
-class _ReadOnly:
-    """What a monitor maps: the pages of the same file, for reading only."""
-
-    def __init__(self, fd: int) -> None:
-        self.buf = mmap.mmap(fd, 0, access=mmap.ACCESS_READ)
-
-    def close(self) -> None:
-        self.buf.close()
-
-
-class _Private:
-    """Zeroed memory of this process alone."""
-
-    def __init__(self, size: int) -> None:
-        self.buf = bytearray(size)
-
-    def close(self) -> None:
-        pass
-
-
-def _birth(name: str, unborn: str, layout: Layout, gid: int | None) -> int:
-    """Make a whole segment under a name that nobody asks for; its locked descriptor, or -1."""
-    size = layout.size
-    try:
-        carrier = _shared_memory(_PREFIX + unborn, create=True, size=size)
-    except OSError as error:
-        if error.errno in (errno.ENOSPC, errno.ENOMEM):
-            raise _no_memory(name, size) from None
-        raise
-    fd = -1
-    try:
-        fd = _open(name, _path(unborn), os.O_RDWR)
-        if not _lock(fd, fcntl.F_RDLCK, _PRESENT):  # clean() has it already: begin again
-            os.close(fd)
-            return -1
-        # Now, so that a full file system is an error here and not a bus error in the cycle.
-        os.posix_fallocate(fd, 0, size)
-        if gid is not None:
-            os.fchown(fd, -1, gid)
-        os.fchmod(fd, 0o600 if gid is None else 0o660)
-        with ffi.from_buffer("char[]", carrier.buf) as base:
-            raise_for_status(lib.sj_shm_format(base, len(base), layout.config()), name)
-    except BaseException as error:
-        if fd >= 0:
-            os.close(fd)
-        with contextlib.suppress(FileNotFoundError):
-            os.unlink(_path(unborn))
-        if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.ENOMEM):
-            raise _no_memory(name, size) from None
-        raise
-    finally:
-        carrier.close()
-    return fd
-
-
-def _no_memory(name: str, size: int) -> errors.SegmentMemoryError:
-    return errors.SegmentMemoryError(
-        f"segment {name!r}: {_FOLDER} has no {size} bytes left", name=name, size=size
-    )
-
-
-def _check_file(fd: int, name: str, any_owner: bool) -> None:
-    """Refuse what is no segment, or not this user's, before a byte of it is read."""
-    found = os.fstat(fd)
-    if not stat.S_ISREG(found.st_mode):
-        raise errors.SegmentGarbageError(f"segment {name!r} is not a regular file", name=name)
-    if found.st_uid != os.geteuid() and not any_owner:
-        raise errors.SegmentOwnerError(
-            f"segment {name!r} belongs to user {found.st_uid}, not {os.geteuid()}; "
-            "any_owner=True accepts it",
-            name=name,
-            uid=found.st_uid,
-        )
-    if found.st_size < lib.SJ_SHM_SLOTS:
-        raise_for_status(lib.SJ_SHM_TRUNCATED, name)
-
-
-def _check_content(base: Any, name: str, layout: Layout | None) -> Layout:
-    config = ffi.NULL if layout is None else layout.config()
-    status = lib.sj_shm_check(base, len(base), config)
-    if status == lib.SJ_SHM_VERSION:
-        found = lib.sj_shm_read_version(base, len(base))
-        raise errors.SegmentVersionError(
-            f"segment {name!r} has layout {found >> 16}.{found & 0xFFFF}, "
-            f"this version of sjerk reads {lib.SJ_SHM_MAJOR}.x",
-            name=name,
-            status=status,
-        )
-    raise_for_status(status, name)
-    if layout is not None:
-        return layout
-    config = ffi.new("sj_shm_config *")
-    lib.sj_shm_read_config(base, len(base), config)
-    return Layout(**{field.name: getattr(config, field.name) for field in fields(Layout)})
-
-
-def _give_name(name: str, unborn: str, replace_stale: bool) -> None:
-    """Let the whole segment appear under its name, if that is free, in one step."""
-    while True:
-        try:
-            os.link(unborn, _path(name))
-        except FileExistsError:
-            with contextlib.suppress(errors.SegmentMissingError):  # gone meanwhile: try again
-                _make_room(name, replace_stale)
-        else:
-            return
-
-
-def _make_room(name: str, replace_stale: bool) -> None:
-    path = _path(name)
-    fd = _open(name, path, os.O_RDWR)
-    try:
-        if not _lock(fd, fcntl.F_WRLCK, _PRESENT):
-            raise errors.SegmentTakenError(
-                f"segment {name.removesuffix(TRACE)!r} is in use: a kernel of this name is running",
-                name=name,
-            )
-        if not _same_file(fd, path):
-            return
-        if not replace_stale:
-            raise errors.SegmentStaleError(
-                f"segment {name!r} was left behind by a process that died; "
-                "clean() removes it, replace_stale=True replaces it",
-                name=name,
-            )
-        os.unlink(path)
-    finally:
-        os.close(fd)
-
-
-def _finish(export: Any, carrier: Any, fd: int, role: Role) -> None:
+def _finish(export: Any, memory: Any, fd: int, role: Role) -> None:
     """Leave in order. The exports go first: a SharedMemory with exports refuses to close."""
     if role == "host":
         lib.sj_shm_leave_host(export)
     elif role == "kernel":
         lib.sj_shm_leave_kernel(export)
-    _release(export, carrier, fd)
+    _release(export, memory, fd)
 
 
-def _release(export: Any, carrier: Any, fd: int) -> None:
+def _release(export: Any, memory: Any, fd: int) -> None:
     ffi.release(export)
-    carrier.close()
+    memory.close()
     if fd >= 0:
         os.close(fd)  # and with it every lock
 
@@ -434,26 +80,28 @@ class Segment:
 
     It is a context manager: leaving it closes the segment, and removes it if it was created here.
     One thread at a time may write through it: the C calls run without the interpreter lock.
+    The exchanges and their proof: ``docs/explanation/handshake.md``.
 
-    >>> from sjerk._binding import lib
     >>> with Segment.private(Layout(command_bytes=8, feedback_bytes=8)) as segment:
-    ...     lib.sj_command_publish(segment.base, b"12345678")
-    0
+    ...     segment.role, segment.size, segment.host_lives()
+    ('owner', 24576, True)
     """
 
-    def __init__(self, name: str, layout: Layout, role: Role, carrier: Any, fd: int) -> None:
+    def __init__(
+        self, name: str, layout: Layout, role: Role, memory: Any, fd: int, created: bool = False
+    ) -> None:
         """Not for callers: the classmethods make the arguments."""
         self._name = name
         self._layout = layout
         self._role: Role = role
-        self._carrier = carrier
+        self._memory = memory
         self._fd = fd
-        self._created = False
+        self._created = created
         self._state: Literal["open", "closed", "forked"] = "open"
-        export = ffi.from_buffer("char[]", carrier.buf)
+        export = ffi.from_buffer("char[]", memory.buf)
         self._export = export
         self._base = ffi.cast("void *", export)  # a pointer crosses into C faster than an array
-        self._finalizer = weakref.finalize(self, _finish, export, carrier, fd, role)
+        self._finalizer = weakref.finalize(self, _finish, export, memory, fd, role)
         _living.add(self)
 
     # ---- making -----------------------------------------------------------------------------
@@ -475,34 +123,36 @@ class Segment:
         members too (0660). The memory is reserved now, and the name appears only once the segment
         is whole.
 
-        Raises SegmentTakenError if somebody living uses the name, SegmentStaleError if only the
-        dead do (unless ``replace_stale``), SegmentMemoryError, SegmentNameError.
+        Raises ``SegmentTakenError`` if a living process uses the name, ``SegmentStaleError`` if
+        only dead ones did (unless ``replace_stale``), ``SegmentMemoryError``,
+        ``SegmentNameError``.
         """
-        _check_name(name)
+        check_name(name)
         gid = grp.getgrnam(group).gr_gid if isinstance(group, str) else group
         while True:
-            unborn = f"{name}{_UNBORN}-{os.getpid()}-{time.monotonic_ns()}"
-            fd = _birth(name, unborn, layout, gid)
+            temporary = f"{name}{INCOMPLETE}-{os.getpid()}-{time.monotonic_ns()}"
+            fd = create_file(name, temporary, layout, gid)
             if fd < 0:
                 continue
-            carrier: Any = None
+            memory: Any = None
             try:
-                if not _same_file(fd, _path(unborn)):  # clean() came between creation and lock
+                # clean() may have come between creation and lock
+                if not still_named(fd, path_of(temporary)):
                     os.close(fd)
                     continue
-                _give_name(name, _path(unborn), replace_stale)
+                give_name(name, path_of(temporary), replace_stale)
                 if role == "kernel":
-                    _lock(fd, fcntl.F_WRLCK, _KERNEL)
-                carrier = _shared_memory(_PREFIX + name)
-                return cls._opened(name, layout, role, carrier, fd, created=True)
+                    take_lock(fd, fcntl.F_WRLCK, Lock.KERNEL)
+                memory = map_file(PREFIX + name)
+                return cls._opened(name, layout, role, memory, fd, created=True)
             except BaseException:
-                if carrier is not None:
-                    carrier.close()
+                if memory is not None:
+                    memory.close()
                 os.close(fd)
                 raise
             finally:
                 with contextlib.suppress(FileNotFoundError):
-                    os.unlink(_path(unborn))
+                    os.unlink(path_of(temporary))
 
     @classmethod
     def attach(
@@ -520,61 +170,61 @@ class Segment:
         content must be; None takes the one found. ``any_owner`` accepts a segment that another
         user created.
 
-        Raises SegmentMissingError, SegmentOwnerError, HostTakenError (with the other's pid),
-        KernelTakenError, or the SegmentFormatError that says what is wrong with the content.
+        Raises ``SegmentMissingError``, ``SegmentOwnerError``, ``HostTakenError`` (with the pid of
+        the other), ``KernelTakenError``, or the ``SegmentFormatError`` that says what is wrong with
+        the content.
         """
-        _check_name(name)
+        check_name(name)
         if role not in ("host", "monitor", "kernel"):
             raise ValueError(f"role = {role!r} is not 'host', 'monitor' or 'kernel'")
-        path = _path(name)
-        fd = _open(name, path, os.O_RDONLY if role == "monitor" else os.O_RDWR)
-        carrier: Any = None
+        path = path_of(name)
+        fd = open_file(name, path, os.O_RDONLY if role == "monitor" else os.O_RDWR)
+        memory: Any = None
         try:
-            _check_file(fd, name, any_owner)
-            if not _lock(fd, fcntl.F_RDLCK, _PRESENT):
+            check_file(fd, name, any_owner)
+            if not take_lock(fd, fcntl.F_RDLCK, Lock.PRESENT):
                 raise errors.SegmentMissingError(
                     f"segment {name!r} is being removed: its owners died", name=name
                 )
-            carrier = _ReadOnly(fd) if role == "monitor" else _shared_memory(_PREFIX + name)
-            if not _same_file(fd, path):
+            memory = ReadOnlyPages(fd) if role == "monitor" else map_file(PREFIX + name)
+            if not still_named(fd, path):
                 raise errors.SegmentMissingError(f"segment {name!r} was just removed", name=name)
-            with ffi.from_buffer("char[]", carrier.buf) as base:
-                found = _check_content(base, name, layout)
-                if role == "host" and not _lock(fd, fcntl.F_WRLCK, _HOST):
+            with ffi.from_buffer("char[]", memory.buf) as base:
+                found = check_content(base, name, layout)
+                if role == "host" and not take_lock(fd, fcntl.F_WRLCK, Lock.HOST):
                     pid = int(lib.sj_shm_host_pid(base))
                     raise errors.HostTakenError(
                         f"kernel {name!r} already has a host, process {pid}", name=name, pid=pid
                     )
-            if role == "kernel" and not _lock(fd, fcntl.F_WRLCK, _KERNEL):
+            if role == "kernel" and not take_lock(fd, fcntl.F_WRLCK, Lock.KERNEL):
                 raise errors.KernelTakenError(f"kernel {name!r} is already running", name=name)
-            return cls._opened(name, found, role, carrier, fd)
+            return cls._opened(name, found, role, memory, fd)
         except BaseException:
-            if carrier is not None:
-                carrier.close()
+            if memory is not None:
+                memory.close()
             os.close(fd)
             raise
 
     @classmethod
     def private(cls, layout: Layout) -> Self:
         """A segment in the memory of this process: host and kernel in one, no locks, no files."""
-        carrier = _Private(layout.size)
-        with ffi.from_buffer("char[]", carrier.buf) as base:
+        memory = PrivateMemory(layout.size)
+        with ffi.from_buffer("char[]", memory.buf) as base:
             raise_for_status(lib.sj_shm_format(base, len(base), layout.config()))
             lib.sj_shm_begin_kernel(base, time.monotonic_ns())
             lib.sj_shm_begin_host(base, os.getpid(), time.monotonic_ns())
-        return cls("", layout, "owner", carrier, -1)
+        return cls("", layout, "owner", memory, -1)
 
     @classmethod
     def _opened(
-        cls, name: str, layout: Layout, role: Role, carrier: Any, fd: int, created: bool = False
+        cls, name: str, layout: Layout, role: Role, memory: Any, fd: int, created: bool = False
     ) -> Self:
         """The Segment of a file whose locks are taken; begins the epoch of its role."""
-        segment = cls(name, layout, role, carrier, fd)
-        segment._created = created
+        segment = cls(name, layout, role, memory, fd, created)
         if role == "host":
-            lib.sj_shm_begin_host(segment._base, os.getpid(), time.monotonic_ns())
+            lib.sj_shm_begin_host(segment.base, os.getpid(), time.monotonic_ns())
         elif role == "kernel":
-            lib.sj_shm_begin_kernel(segment._base, time.monotonic_ns())
+            lib.sj_shm_begin_kernel(segment.base, time.monotonic_ns())
         return segment
 
     # ---- using ------------------------------------------------------------------------------
@@ -601,14 +251,15 @@ class Segment:
 
     @property
     def closed(self) -> bool:
-        """Whether it can no longer be used."""
+        """Whether it can no longer be used here."""
         return self._state != "open"
 
     @property
     def base(self) -> Any:
         """The memory as ``void *``, for the C calls. Do not keep it beyond :meth:`close`.
 
-        Raises SegmentClosedError, and ForkedError in a process that inherited the segment by fork.
+        Raises ``SegmentClosedError``, and ``ForkedError`` in a process that inherited the segment
+        by fork.
         """
         if self._state != "open":
             self._refuse()
@@ -639,27 +290,27 @@ class Segment:
         return raise_for_status(status, self._name)
 
     def host_lives(self) -> bool:
-        """Whether a living process is host. Looks at the lock only: a silent host lives."""
+        """Whether a living process is host. Asks for the lock only: a silent host lives."""
         _ = self.base
-        return self._fd < 0 or self._role == "host" or _locked_by_other(self._fd, _HOST)
+        return self._fd < 0 or self._role == "host" or locked_by_other(self._fd, Lock.HOST)
 
     def kernel_lives(self) -> bool:
         """Whether a living process is the kernel."""
         _ = self.base
-        return self._fd < 0 or self._role == "kernel" or _locked_by_other(self._fd, _KERNEL)
+        return self._fd < 0 or self._role == "kernel" or locked_by_other(self._fd, Lock.KERNEL)
 
     # ---- ending -----------------------------------------------------------------------------
 
     def close(self) -> None:
-        """Leave: give back locks and memory. The segment stays for others. Twice does no harm."""
+        """Give back locks and memory. The segment stays for others. Closing twice does no harm."""
         if self._state == "open":
             self._state = "closed"
             self._finalizer()
 
     def unlink(self) -> None:
-        """Remove the name; who has the segment open keeps it. Twice does no harm."""
-        if self._fd >= 0 and self._state == "open" and _same_file(self._fd, _path(self._name)):
-            os.unlink(_path(self._name))
+        """Remove the name. Processes that have the segment open keep it. Twice does no harm."""
+        if self._fd >= 0 and self._state == "open" and still_named(self._fd, path_of(self._name)):
+            os.unlink(path_of(self._name))
 
     def __enter__(self) -> Self:
         return self
@@ -680,17 +331,20 @@ class Segment:
     def __repr__(self) -> str:
         return f"<Segment {self._name!r} {self._role} {self._state}>"
 
-    def _inherited(self) -> None:
-        """In the child of a fork: let go of locks and memory, which are the parent's."""
+    def abandon(self) -> None:
+        """In the child of a fork: let go of locks and memory, which are the parent's.
+
+        Called for every open segment when a process forks.
+        """
         if self._state == "open":
             self._state = "forked"
             self._finalizer.detach()
-            _release(self._export, self._carrier, self._fd)
+            _release(self._export, self._memory, self._fd)
 
 
 def _after_fork() -> None:
     for segment in list(_living):
-        segment._inherited()
+        segment.abandon()
 
 
 os.register_at_fork(after_in_child=_after_fork)
@@ -702,9 +356,15 @@ os.register_at_fork(after_in_child=_after_fork)
 class HostWatch:
     """Looks, outside the cycle, whether the host lives, and notes it where the cycle sees it.
 
-    The kernel process keeps one while it runs; ``sj_shm_host_state`` then tells the cycle. A
-    thread, so the cycle must run without the interpreter lock; without one, call :meth:`look` now
-    and then. Leave it before the segment is closed.
+    The kernel process keeps one while it runs; ``sj_shm_host_state`` then tells the cycle. It is a
+    context manager with a thread that looks every ``period_s`` seconds, so the cycle must run
+    without the interpreter lock. Without the thread, call :meth:`look` regularly. Leave it before
+    the segment is closed. Raises ``ValueError`` for a monitor's segment and for a period that is
+    not positive.
+
+    >>> with Segment.private(Layout(command_bytes=8, feedback_bytes=8)) as segment:
+    ...     HostWatch(segment).look()
+    True
     """
 
     def __init__(self, segment: Segment, *, period_s: float = 0.002) -> None:
@@ -737,78 +397,3 @@ class HostWatch:
     def __exit__(self, *_: object) -> None:
         self._end.set()
         self._thread.join()
-
-
-@dataclass(frozen=True, kw_only=True)
-class SegmentInfo:
-    """One segment found by :func:`clean`.
-
-    ``host`` and ``kernel`` say whether those live, ``in_use`` whether anybody living has it open.
-    ``problem`` says why nothing could be learned or done, None if all is well.
-    """
-
-    name: str
-    size: int
-    uid: int
-    host: bool
-    kernel: bool
-    in_use: bool
-    removed: bool
-    problem: str | None = None
-
-    @property
-    def companion(self) -> bool:
-        """Whether it only goes with a kernel's own segment: a trace."""
-        return self.name.endswith(TRACE)
-
-
-def clean(*, dry_run: bool = False, any_owner: bool = False) -> list[SegmentInfo]:
-    """List all segments of sjerk on this machine, and remove those without a living owner.
-
-    Never one that a living process has open. Segments of other users are listed only, unless
-    ``any_owner``; files that are no segments are left alone. ``dry_run`` removes nothing.
-    """
-    return list(_look_through(dry_run, any_owner))
-
-
-def _look_through(dry_run: bool, any_owner: bool) -> Iterator[SegmentInfo]:
-    for entry in sorted(os.listdir(_FOLDER)):
-        if entry.startswith(_PREFIX):
-            with contextlib.suppress(errors.SegmentMissingError, FileNotFoundError):
-                yield _look_at(entry.removeprefix(_PREFIX), dry_run, any_owner)
-
-
-def _look_at(name: str, dry_run: bool, any_owner: bool) -> SegmentInfo:
-    path = _path(name)
-    found = os.stat(path, follow_symlinks=False)
-
-    def info(**more: Any) -> SegmentInfo:
-        nothing = {"host": False, "kernel": False, "in_use": False, "removed": False}
-        return SegmentInfo(name=name, size=found.st_size, uid=found.st_uid, **(nothing | more))
-
-    try:
-        fd = _open(name, path, os.O_RDWR)
-    except (errors.SegmentOwnerError, errors.SegmentGarbageError) as error:
-        return info(in_use=isinstance(error, errors.SegmentOwnerError), problem=str(error))
-    try:
-        host, kernel = _locked_by_other(fd, _HOST), _locked_by_other(fd, _KERNEL)
-        if _locked_by_other(fd, _PRESENT):
-            return info(host=host, kernel=kernel, in_use=True)
-        if found.st_uid != os.geteuid() and not any_owner:
-            return info(problem=f"belongs to user {found.st_uid}")
-        if _UNBORN not in name and not _ours(fd):
-            return info(problem="not a segment of sjerk")
-        if dry_run:
-            return info()
-        # From here on nobody can attach; whoever attached since we looked keeps the lock from us.
-        if not _lock(fd, fcntl.F_WRLCK, _PRESENT) or not _same_file(fd, path):
-            return info(in_use=True)
-        os.unlink(path)
-        return info(removed=True)
-    finally:
-        os.close(fd)
-
-
-def _ours(fd: int) -> bool:
-    """Whether the content begins as a segment does, of whatever version or state."""
-    return os.pread(fd, len(_MAGIC), 0) == _MAGIC

@@ -1,335 +1,70 @@
-"""The planner, to be read beside the paper: limits, states, profiles, and Eqs. (1)-(14).
+"""The planner, to be read next to the paper: profiles, and Eqs. (1)-(14).
 
 ``scurve`` is the paper's closed form with whole-cycle intervals, in its symbols; a ``Profile`` is
 what it returns: Eqs. (1)-(6) as a function of time, and the samples of Eqs. (15)-(17) from the C
-interpolator. Unit-free in position; time is in seconds. Never here: clocks, shared memory, drives.
+interpolator. Unit-free in position: u stands for the unit of the axis; time is in seconds.
+
+This module is the front of what planning is asked with and answered by: ``Limits`` and ``State``
+come from ``sjerk.limits``, ``Phase``, ``Samples``, ``Range`` and ``Extrema`` from
+``sjerk.phases``. Never here: clocks, shared memory, drives.
 """
 
 from __future__ import annotations
 
 import math
-import struct
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator
 from itertools import product
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from sjerk._binding import ffi, lib
+from sjerk._binding import lib
 from sjerk.errors import InfeasibleError, InputError, positive, real
+from sjerk.limits import Limits, State
+from sjerk.phases import COLUMNS, CYCLES_MAX, Extrema, FloatArray, Phase, Plan, Range, Samples
 
-FloatArray = NDArray[np.float64]
+__all__ = [
+    "CYCLES_MAX",
+    "Extrema",
+    "FloatArray",
+    "Limits",
+    "Phase",
+    "Profile",
+    "Range",
+    "Samples",
+    "State",
+    "scurve",
+]
 
-COLUMNS = ("time", "position", "velocity", "acceleration", "jerk")
 #: Relative slack of the whole-cycle roundings, so that 0.1 / 0.001 is 100 cycles and not 101.
 ROUNDING_SLACK = 1e-11
-#: Cycle counts up to this are exact in every later step.
-CYCLES_MAX: int = lib.SJ_CYCLES_MAX
 
 
-@dataclass(frozen=True, slots=True)
-class Limits:
-    """Kinematic limits of one axis, magnitudes in its own unit and seconds.
-
-    Acceleration in the direction of the move is limited by ``acceleration`` and ``jerk``,
-    acceleration against it by ``deceleration`` and ``deceleration_jerk`` (default: the same).
-    ``position`` is the range (low, high) that targets must lie in. Raises ``InputError`` for
-    anything but finite numbers greater than zero.
-
-    >>> Limits(velocity=90.0, acceleration=500.0, jerk=5000.0).deceleration
-    500.0
-    """
-
-    velocity: float
-    acceleration: float
-    jerk: float
-    deceleration: float | None = None
-    deceleration_jerk: float | None = None
-    position: tuple[float, float] | None = None
-    #: The memory of an ``sj_limits`` per second; empty where each target must be looked at.
-    _c: bytes = field(init=False, repr=False, compare=False, default=b"")
-    _cycled: dict[float, bytes] = field(init=False, repr=False, compare=False, default_factory=dict)
-
-    def __post_init__(self) -> None:
-        if self.position is not None:
-            try:
-                low, high = self.position
-            except (TypeError, ValueError):
-                raise InputError("position", self.position, "must be (low, high)") from None
-            low, high = real("position[0]", low), real("position[1]", high)
-            if not low < high:
-                raise InputError("position", self.position, "low must be below high")
-            object.__setattr__(self, "position", (low, high))
-        for name, fallback in (
-            ("velocity", None),
-            ("acceleration", None),
-            ("jerk", None),
-            ("deceleration", "acceleration"),
-            ("deceleration_jerk", "jerk"),
-        ):
-            value = getattr(self, name)
-            if value is None and fallback is not None:
-                value = getattr(self, fallback)
-            object.__setattr__(self, name, positive(name, value))
-        if self.position is None:
-            numbers = self.velocity, self.acceleration, self.jerk, *self.braking
-            object.__setattr__(self, "_c", struct.pack("5d", *numbers))
-
-    @classmethod
-    def from_jerk_factor(
-        cls,
-        velocity: float,
-        acceleration: float,
-        jerk_factor: float,
-        *,
-        deceleration: float | None = None,
-        deceleration_jerk_factor: float | None = None,
-        position: tuple[float, float] | None = None,
-    ) -> Limits:
-        """Limits from a jerk factor s in (0, 1], the share of a full ramp spent at jerk.
-
-        s = T1 / Ta for a ramp from rest to ``velocity``, so J = Acc^2 / (s V): 1 is a pure S, near
-        0 a trapezoid.
-
-        >>> Limits.from_jerk_factor(90.0, 450.0, 0.5).jerk
-        4500.0
-        """
-        braking = acceleration if deceleration is None else deceleration
-        factors = (
-            jerk_factor,
-            jerk_factor if deceleration_jerk_factor is None else deceleration_jerk_factor,
-        )
-        for name, factor in zip(("jerk_factor", "deceleration_jerk_factor"), factors, strict=True):
-            if positive(name, factor) > 1.0:
-                raise InputError(name, factor, "must lie in (0, 1]")
-        v = positive("velocity", velocity)
-        jerks = [
-            positive(name, level) ** 2 / (factor * v)
-            for name, level, factor in zip(
-                ("acceleration", "deceleration"), (acceleration, braking), factors, strict=True
-            )
-        ]
-        return cls(velocity, acceleration, jerks[0], braking, jerks[1], position)
-
-    def _per_cycle(self, cycle_time: float) -> bytes:
-        """The limits per cycle as the memory of an ``sj_limits``; made once per cycle time."""
-        made = self._cycled.get(cycle_time) if cycle_time.__class__ is float else None
-        if made is None:
-            T = positive("cycle_time", cycle_time)
-            deceleration, deceleration_jerk = self.braking
-            made = struct.pack(
-                "5d",
-                self.velocity * T,
-                self.acceleration * T**2,
-                self.jerk * T**3,
-                deceleration * T**2,
-                deceleration_jerk * T**3,
-            )
-            if self.position is None and len(self._cycled) < 16:  # else every target is looked at
-                self._cycled[T] = made
-        return made
-
-    @property
-    def braking(self) -> tuple[float, float]:
-        """Deceleration and its jerk, as plain floats."""
-        assert self.deceleration is not None
-        assert self.deceleration_jerk is not None
-        return self.deceleration, self.deceleration_jerk
-
-
-@dataclass(frozen=True, slots=True)
-class State:
-    """Position, velocity and acceleration of one axis at one moment.
-
-    >>> State(160.0)
-    State(position=160.0, velocity=0.0, acceleration=0.0)
-    """
-
-    position: float
-    velocity: float = 0.0
-    acceleration: float = 0.0
-    #: The memory of an ``sj_state``, made once for every later call.
-    _c: bytes = field(init=False, repr=False, compare=False)
-
-    def __post_init__(self) -> None:
-        numbers = [
-            real(name, getattr(self, name)) for name in ("position", "velocity", "acceleration")
-        ]
-        for name, number in zip(("position", "velocity", "acceleration"), numbers, strict=True):
-            object.__setattr__(self, name, number)
-        object.__setattr__(self, "_c", struct.pack("3d", *numbers))
-
-
-@dataclass(frozen=True)
-class Phase:
-    """Constant ``jerk`` (signed, axis coordinates) over a whole number of ``cycles``; Eq. (1)."""
-
-    cycles: int
-    jerk: float
-
-
-@dataclass(frozen=True, eq=False)
-class Samples:
-    """A motion in numbers: five arrays of one shape, float64, in seconds and the axis's unit."""
-
-    time: FloatArray
-    position: FloatArray
-    velocity: FloatArray
-    acceleration: FloatArray
-    jerk: FloatArray
-
-    @classmethod
-    def empty(cls, rows: int) -> Samples:
-        """Room for ``rows`` samples, to be filled by ``Profile.sample(out=...)``."""
-        return cls(*(np.empty(rows) for _ in range(5)))
-
-
-class Range(NamedTuple):
-    """Least and greatest value."""
-
-    low: float
-    high: float
-
-
-@dataclass(frozen=True)
-class Extrema:
-    """Ranges that a planned motion covers, inside phases as well as at their ends."""
-
-    position: Range
-    velocity: Range
-    acceleration: Range
-    jerk: Range
-
-
-class _Way(NamedTuple):
-    """Nodes of a plan: time, P, V, A at phase starts and at the end, and the jerk from there."""
-
-    time: FloatArray
-    P: FloatArray
-    V: FloatArray
-    A: FloatArray
-    J: FloatArray
-
-
-class Profile:
+class Profile(Plan):
     """A planned motion of one axis in whole control cycles. Immutable.
 
-    ``start`` and ``end`` are the samples that the drive gets before and after: ``sample()`` begins
-    with the one and settles on the other, bit for bit. The plan ``at(t)`` is the continuous motion
-    behind the samples; they show it about half a cycle late (``docs/architecture.md``).
+    ``start`` and ``end`` are the samples that the drive gets before and after the motion:
+    ``sample()`` begins with the one and settles on the other, bit for bit. The plan ``at(t)`` is
+    the continuous motion behind the samples; they show it about half a cycle late
+    (``docs/architecture.md``). Made by ``scurve``, ``plan`` and ``plan_velocity``, or of phases.
+
+    Raises ``InputError`` for lengths that are no cycles, for jerks that are no numbers and for
+    states that are no ``State``.
+
+    >>> rise = Profile([Phase(100, 5000.0)], 1e-3, State(0.0), State(0.8, 25.0, 500.0))
+    >>> rise.cycles, rise.duration
+    (100, 0.1)
     """
 
-    # The fast path makes profiles from C plans and leaves everything else until it is asked for.
-    __slots__ = (
-        "_c_owner",
-        "_c_plan",
-        "_cycle_time",
-        "_end",
-        "_phases",
-        "_range",
-        "_start",
-        "_way",
-    )
+    # The fast path leaves the nodes until they are asked for.
+    __slots__ = ("_nodes",)
 
-    _phases: tuple[Phase, ...] | None
-    _way: _Way | None
-
-    def __init__(
-        self,
-        phases: Sequence[Phase],
-        cycle_time: float,
-        start: State,
-        end: State,
-        *,
-        position_range: tuple[float, float] | None = None,
-    ) -> None:
-        """Phases as they follow each other; ``cycle_time`` in seconds.
-
-        Raises InputError for lengths that are no cycles and jerks that are no numbers.
-        """
-        self._cycle_time = positive("cycle_time", cycle_time)
-        self._phases = tuple(phases)
-        for name, state in (("start", start), ("end", end)):
-            if not isinstance(state, State):
-                raise InputError(name, state, "must be a State")
-        self._start, self._end, self._range = start, end, position_range
-        self._way = self._c_owner = None
-        if len(self._phases) > lib.SJ_PHASES:
-            raise InputError("phases", len(self._phases), f"at most {lib.SJ_PHASES}")
-        self._c_plan = ffi.new("sj_plan *")
-        self._c_plan.count = len(self._phases)
-        per_cycle = self._cycle_time**3
-        for i, phase in enumerate(self._phases):
-            if isinstance(phase.cycles, bool) or not isinstance(phase.cycles, int):
-                raise InputError(f"phases[{i}].cycles", phase.cycles, "must be an int")
-            if not 1 <= phase.cycles <= CYCLES_MAX:
-                raise InputError(f"phases[{i}].cycles", phase.cycles, f"must be 1 .. {CYCLES_MAX}")
-            self._c_plan.phase[i].cycles = phase.cycles
-            self._c_plan.phase[i].jerk = real(f"phases[{i}].jerk", phase.jerk) * per_cycle
-            self._c_plan.cycles += phase.cycles
-
-    @classmethod
-    def _of(
-        cls,
-        plan: Any,
-        cycle_time: float,
-        start: State,
-        end: State,
-        position_range: tuple[float, float] | None,
-        owner: Any = None,
-    ) -> Profile:
-        """A profile of a finished ``sj_plan *``; ``owner`` keeps its memory."""
-        self = cls.__new__(cls)
-        self._c_plan = plan
-        self._c_owner = owner
-        self._cycle_time = cycle_time
-        self._start = start
-        self._end = end
-        self._range = position_range
-        self._phases = self._way = None
-        return self
-
-    @property
-    def phases(self) -> tuple[Phase, ...]:
-        """The phases of constant jerk, in order."""
-        if self._phases is None:
-            plan, per_second = self._c_plan, self._cycle_time**3
-            self._phases = tuple(
-                Phase(plan.phase[i].cycles, plan.phase[i].jerk / per_second)
-                for i in range(plan.count)
-            )
-        return self._phases
-
-    @property
-    def cycle_time(self) -> float:
-        """Control cycle in seconds."""
-        return self._cycle_time
-
-    @property
-    def start(self) -> State:
-        """The sample before the motion."""
-        return self._start
-
-    @property
-    def end(self) -> State:
-        """The settled sample after it."""
-        return self._end
-
-    @property
-    def cycles(self) -> int:
-        """Length N of the plan in control cycles."""
-        return int(self._c_plan.cycles)
-
-    @property
-    def duration(self) -> float:
-        """Length of the plan in seconds, N * cycle_time."""
-        return self.cycles * self._cycle_time
+    _nodes: tuple[FloatArray, ...]
 
     @property
     def leaves_range(self) -> bool:
-        """Whether the way leaves the position range of the limits it was planned under."""
+        """Whether the plan leaves ``position_range`` between its start and its end."""
         if self._range is None:
             return False
         low, high = self._range
@@ -337,29 +72,10 @@ class Profile:
         slack = 1e-12 * max(abs(low), abs(high))
         return reach.low < low - slack or reach.high > high + slack
 
-    def _key(self) -> tuple[Any, ...]:
-        return self.phases, self._cycle_time, self._start, self._end, self._range
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, Profile) and self._key() == other._key()
-
-    def __hash__(self) -> int:
-        return hash(self._key())
-
-    def __repr__(self) -> str:
-        return (
-            f"Profile(phases={self.phases!r}, cycle_time={self._cycle_time!r}, "
-            f"start={self._start!r}, end={self._end!r})"
-        )
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return _profile_from, self._key()
-
-    @property
-    def _nodes(self) -> _Way:
+    def _all_nodes(self) -> tuple[FloatArray, ...]:
         """Time, P, V, A at the start of every phase and at the end, and the jerk from there on."""
-        if self._way is not None:
-            return self._way
+        if hasattr(self, "_nodes"):
+            return self._nodes
         T_s = self._cycle_time
         # Half-cycle lemma, no jerk before the start: the continuous state behind the first sample.
         A = self._start.acceleration
@@ -377,21 +93,22 @@ class Profile:
             nodes.append((done * T_s, P, V, A))
         jerks = np.array([*(phase.jerk for phase in self.phases), 0.0])
         time, position, velocity, acceleration = np.array(nodes).T.copy()
-        self._way = _Way(time, position, velocity, acceleration, jerks)
-        return self._way
+        self._nodes = (time, position, velocity, acceleration, jerks)
+        return self._nodes
 
     def at(self, t: ArrayLike) -> Samples:
         """Return the planned motion at time ``t`` in closed form, Eqs. (1)-(6).
 
         ``t`` in seconds from the start, scalar or array; before 0 and after ``duration`` the motion
-        is the one of that moment held at its velocity. Fields have the shape of ``t``.
+        is the one of that moment held at its velocity. Fields have the shape of ``t``, in u, u/s,
+        u/s^2 and u/s^3.
 
         >>> profile = scurve(160.0, Limits(90.0, 500.0, 5000.0), 1e-3)
         >>> round(float(profile.at(profile.duration / 2).velocity), 9) <= 90.0
         True
         """
         time = np.asarray(t, dtype=np.float64)
-        starts, P, V, A, J = self._nodes
+        starts, P, V, A, J = self._all_nodes()
         clipped = np.clip(time, 0.0, starts[-1])
         i = np.clip(np.searchsorted(starts, clipped, side="right") - 1, 0, len(starts) - 1)
         dt = clipped - starts[i]
@@ -406,7 +123,8 @@ class Profile:
         """Return what the drive gets, cycle by cycle, Eqs. (15)-(17): N + 2 rows.
 
         Row 0 is ``start``, row N + 1 the settled ``end``, equal to the goal bit for bit. ``out``:
-        arrays to fill (float64, contiguous, exactly N + 2 long), for use without allocation.
+        arrays to fill, for use without allocation. Raises ``InputError`` where they are not
+        float64, contiguous and exactly N + 2 long.
 
         >>> samples = scurve(160.0, Limits(90.0, 500.0, 5000.0), 1e-3).sample()
         >>> float(samples.position[-1]), float(samples.velocity[-1])
@@ -419,21 +137,27 @@ class Profile:
             raise InputError("out", type(out).__name__, "must be a Samples")
         elif len({id(getattr(out, name)) for name in COLUMNS}) < len(COLUMNS):
             raise InputError("out", "one array for two columns", "must be five arrays")
-        self._sample_rows(out, rows)
+        self.fill(out, rows)
         return out
 
-    def _sample_rows(self, out: Samples, rows: int) -> None:
-        table = ffi.new("sj_table *")
-        table.rows = rows
-        columns = [_c_column(name, getattr(out, name), rows) for name in COLUMNS]
-        table.time, table.position, table.velocity, table.acceleration, table.jerk = columns
-        ends = self._start._c, self._end._c
+    def fill(self, out: Samples, rows: int) -> None:
+        """Fill the arrays of ``out`` with ``rows`` samples; any number of rows.
+
+        From row N + 1 on the motion goes on with the velocity of its end. Raises ``InputError``
+        for arrays that are not float64 of shape (rows,), contiguous and writeable.
+        """
+        table = out.table(rows)
+        ends = self._start.memory, self._end.memory
         if lib.sj_sample(self._c_plan, *ends, self._cycle_time, table) != lib.SJ_LOAD_OK:
             raise InputError("phases", self.phases, "must lead from start to end in whole cycles")
 
     def extrema(self) -> Extrema:
-        """Return the ranges of the plan, with the peaks inside phases (zeros of A and of V)."""
-        starts, _P, V, A, J = self._nodes
+        """Return the ranges of the plan, with the peaks inside phases (zeros of A and of V).
+
+        >>> scurve(160.0, Limits(90.0, 500.0, 5000.0), 1e-3).extrema().acceleration.high <= 500.0
+        True
+        """
+        starts, _P, V, A, J = self._all_nodes()
         times = list(starts)
         for i in range(len(self.phases)):
             length = starts[i + 1] - starts[i]
@@ -451,12 +175,6 @@ class Profile:
         )
 
 
-def _profile_from(
-    phases: tuple[Phase, ...], cycle_time: float, start: State, end: State, range_: Any
-) -> Profile:
-    return Profile(phases, cycle_time, start, end, position_range=range_)
-
-
 def _roots(a: float, b: float, c: float) -> tuple[float, ...]:
     """Real roots of a x^2 + b x + c, without cancellation."""
     if a == 0.0:
@@ -466,22 +184,6 @@ def _roots(a: float, b: float, c: float) -> tuple[float, ...]:
         return ()
     q = -0.5 * (b + math.copysign(math.sqrt(square), b))
     return (q / a, c / q) if q != 0.0 else (0.0,)
-
-
-def _c_column(name: str, column: FloatArray, rows: int) -> Any:
-    if not isinstance(column, np.ndarray):
-        raise InputError(f"out.{name}", type(column).__name__, "must be an array")
-    flags = column.flags
-    if (
-        column.shape != (rows,)
-        or column.dtype != np.float64
-        or not (flags.c_contiguous and flags.writeable)
-    ):
-        has = (column.shape, str(column.dtype))
-        raise InputError(
-            f"out.{name}", has, f"must be float64 of shape ({rows},), contiguous and writeable"
-        )
-    return ffi.from_buffer("double[]", column, require_writable=True)
 
 
 # ---- the paper's closed form, Eqs. (7)-(14) ------------------------------------------------------

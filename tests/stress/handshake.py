@@ -3,7 +3,7 @@
 Run it with ``./run stress handshake [--seconds N]``. Without ``--seconds`` it does the whole
 measure: 10 million commands of 16 axes, 1000 kills of either side, 10 million ring records across
 1000 restarts of the producer, 10 million events, 8 monitors. With it, every part stops after its
-share of the time. The loops are C (handshake_peer.c, built here beside the same _handshake.c), the
+share of the time. The loops are C (handshake_peer.c, built here beside the same C of dpram/), the
 processes, locks and epochs those of the library. Exit status 0 if every promise held and the naive
 variants tore.
 """
@@ -35,7 +35,7 @@ from sjerk._binding import ffi, lib
 from sjerk.handshake import Layout, Segment
 
 HERE = Path(__file__).resolve().parent
-SOURCES = HERE.parent.parent / "src" / "sjerk"
+SOURCES = HERE.parents[1] / "src" / "sjerk"
 LAYOUT = Layout(
     command_bytes=512,  # 16 axes of four doubles
     feedback_bytes=512,
@@ -63,9 +63,9 @@ def build(folder: Path) -> None:
     compiler = shutil.which("cc") or shutil.which("gcc")
     if compiler is None:
         raise SystemExit("stress: a C compiler is needed (on Debian: apt install gcc libc6-dev)")
-    files = [str(HERE / "handshake_peer.c"), str(SOURCES / "dpram" / "_handshake.c")]
+    files = [HERE / "handshake_peer.c", *sorted((SOURCES / "dpram").glob("_*.c"))]
     flags = ["-std=c11", "-O2", "-ffp-contract=off", "-shared", "-fPIC", "-pthread", f"-I{SOURCES}"]
-    subprocess.run([compiler, *flags, *files, "-o", str(folder / "peer.so")], check=True)
+    subprocess.run([compiler, *flags, *map(str, files), "-o", str(folder / "peer.so")], check=True)
 
 
 def peer(

@@ -133,7 +133,7 @@ class Soak:
         with contextlib.ExitStack() as recorded, kernel:
             recorder = recorded.enter_context(Recorder(name, path))
             self.play(kernel, log, seconds)
-            pid = kernel._process.pid if kernel._process else 0
+            pid = kernel.pid or 0
             if end != "in order":
                 os.kill(pid, signal.SIGKILL if end == "SIGKILL" else signal.SIGTERM)
                 self.gone(kernel)
@@ -171,7 +171,7 @@ class Soak:
                 self.total.find("kernel died", kernel.name)
                 return
             if time.monotonic() > begun + 1.0:
-                last = own_memory(kernel._process.pid if kernel._process else 0)
+                last = own_memory(kernel.pid or 0)
                 first = first or last
             if time.monotonic() > kill:
                 kill = time.monotonic() + self.random.uniform(0.5, 4.0)

@@ -21,8 +21,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sjerk import EventKind, Recording
+from sjerk import Recording
 from sjerk._binding import lib
+from sjerk.host import EventKind
 from sjerk.kernel.trace import command_dtype, record_dtype
 
 SLACK = 1e-9  # relative, of a limit: what rounding may add
@@ -173,7 +174,7 @@ def _axis(
     own, stop = _per_cycle(axis.limits, T), _per_cycle(axis.stop_limits or axis.limits, T)
     ulp = np.spacing(np.abs(q)) + 1e-300
     # a path or a held move at another speed is judged by its positions: it has no jerk of its own
-    led = (rows["flags"] & (lib.SJ_TRACE_LED | lib.SJ_TRACE_PACED)) != 0
+    led = (rows["flags"] & (lib.SJ_TRACE_PATH | lib.SJ_TRACE_FEED_HOLD)) != 0
     free = joined & ~led
     free[1:] &= ~led[:-1]
 
@@ -247,7 +248,7 @@ def _allowed(
     begins = np.unique(np.concatenate([[0], begins]))
     ends = np.concatenate([begins[1:], [n]])
     halts = _halts(recording, i)
-    led = (rows["flags"] & lib.SJ_TRACE_LED) != 0
+    led = (rows["flags"] & lib.SJ_TRACE_PATH) != 0
     path_begins = np.maximum.accumulate(np.where(led & ~np.roll(led, 1), np.arange(n), 0))
     cycle = frames["head"]["cycle"].astype(np.int64)
     torn = np.diff(cycle, prepend=cycle[:1] - 1) != 1
@@ -287,7 +288,7 @@ def _halts(recording: Recording, i: int) -> NDArray[np.int64]:
     halts = commands["axis"]["halts"][:, i].astype(np.int64) if len(commands) else np.zeros(0)
     found = [chunk.commands["cycle"][1:][np.diff(halts) != 0]] if len(commands) else []
     found.append(chunk.commands["cycle"][:1][halts[:1] != 0])
-    kinds = (EventKind.HOST, EventKind.FAULT, EventKind.FOLLOWING, EventKind.SPOILT)
+    kinds = (EventKind.HOST, EventKind.FAULT, EventKind.FOLLOWING, EventKind.CORRUPT)
     found.append(chunk.events["cycle"][np.isin(chunk.events["kind"], kinds)])
     ending = np.flatnonzero(np.diff(chunk.frames["ending"], prepend=0) > 0)
     found.append(chunk.frames["head"]["cycle"][ending])

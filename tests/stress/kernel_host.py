@@ -13,18 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from sjerk import (
-    Host,
-    InputError,
-    KernelGoneError,
-    Limits,
-    MoveState,
-    PathState,
-    RefusedError,
-    SjerkError,
-    follow_path,
-)
+from sjerk import Host, InputError, KernelGoneError, Limits, RefusedError, SjerkError, follow_path
 from sjerk.errors import HandshakeError, HostTakenError, SegmentMissingError
+from sjerk.host import MoveState, PathState
 from sjerk.profile import State
 
 ANSWER_S = 20.0  # longest wait for an answer: a loaded machine is slow, a lost one never comes
@@ -36,7 +27,7 @@ class Client:
     def __init__(self, host: Host, rng: random.Random, log: Path) -> None:
         self.host, self.rng, self.log = host, rng, log
         self.moves: list[Any] = []
-        self.limits = list(host._limits)
+        self.limits = list(host.limits)
         self.axes = len(self.limits)
 
     def write(self, **what: Any) -> None:
@@ -56,7 +47,7 @@ class Client:
         if self.rng.random() < 0.5:
             return None
         part = [self.rng.uniform(0.1, 1.0) for _ in range(3)]
-        own = [self.host._limits[i] for i in chosen]
+        own = [self.host.limits[i] for i in chosen]
         return Limits(
             part[0] * min(x.velocity for x in own),
             part[1] * min(min(x.acceleration, x.braking[0]) for x in own),
@@ -69,7 +60,7 @@ class Client:
         kind = self.rng.choice(["time", "time", "phase", "none"])
         ask: dict[int, Any] = {i: self.goal(i) for i in chosen}
         if kind != "phase" and self.rng.random() < 0.2:
-            fast = limits or self.host._limits[chosen[0]]
+            fast = limits or self.host.limits[chosen[0]]
             ask[chosen[0]] = State(ask[chosen[0]], self.rng.uniform(-1, 1) * fast.velocity)
         self.moves.append(self.host.move(ask, limits=limits, synchronization=kind))  # type: ignore[arg-type]
 
@@ -78,14 +69,14 @@ class Client:
         self.moves.append(self.host.move(ask, relative=True))
 
     def jog(self) -> None:
-        ask = {i: self.rng.uniform(-1, 1) * self.host._limits[i].velocity for i in self.some()}
+        ask = {i: self.rng.uniform(-1, 1) * self.host.limits[i].velocity for i in self.some()}
         self.moves.append(self.host.jog(ask))
 
     def fast_jog(self) -> None:
         """What the drives of some axes cannot follow: they fault."""
         i = self.axes - 1 - self.rng.randrange(2)
         sign = self.rng.choice([-1.0, 1.0])
-        self.moves.append(self.host.jog({i: sign * self.host._limits[i].velocity}))
+        self.moves.append(self.host.jog({i: sign * self.host.limits[i].velocity}))
 
     def queue(self) -> None:
         """Moves that wait for each other, or blend into one another."""
@@ -108,7 +99,7 @@ class Client:
         begin = np.array([frame.axes[i].position for i in chosen])
         way = np.cumsum([[self.rng.uniform(-2.0, 2.0) for _ in chosen] for _ in range(8)], axis=0)
         rows = np.vstack([begin, begin + way])
-        plan = follow_path(rows, [self.host._limits[i] for i in chosen], self.host._T)
+        plan = follow_path(rows, [self.host.limits[i] for i in chosen], self.host._T)
         path = self.host.follow(plan, axes=chosen)
         self.moves.append(path)
         if self.rng.random() < 0.5:
@@ -173,9 +164,9 @@ class Client:
         except TimeoutError:
             pass
         self.write(did=act.__name__)
-        sequence = int(self.host._command.sequence)
+        sequence = int(self.host.link.command.sequence)
         try:
-            self.host._wait_until(lambda f: f.sequence >= sequence, ANSWER_S, act.__name__)
+            self.host.link.wait_until(lambda f: f.sequence >= sequence, ANSWER_S, act.__name__)
         except TimeoutError as fault:
             self.write(unanswered=str(fault))
 
@@ -187,7 +178,7 @@ class Client:
             if state in (MoveState.SENT, PathState.SENT):
                 left.append(move)
                 continue
-            self.write(goal=getattr(move, "goal_id", 0) or move._goal_id, state=str(state.name))
+            self.write(goal=getattr(move, "goal_id", 0) or move.goal_id, state=str(state.name))
         self.moves = left[-64:]
 
     def answered(self) -> None:
@@ -197,7 +188,7 @@ class Client:
             self.look()
             if time.monotonic() > end:
                 for move in self.moves:
-                    self.write(unanswered=f"goal {move._goal_id}")
+                    self.write(unanswered=f"goal {move.goal_id}")
                 return
             time.sleep(1e-3)
 

@@ -1,10 +1,11 @@
 /* Double-double arithmetic: a value as the unevaluated sum hi + lo, about 106 bits (Dekker 1971,
  * Knuth TAOCP 4.2.2). The ground under the interpolator: it makes the sums of Eqs. (15)-(17) exact
  * far below the last bit of what is sent. Needs round-to-nearest and no contraction or fast-math.
- * Include after <stdint.h> and _kernel.h (sj_exact).
  */
 #pragma once
+#include <stdint.h> /* bits of a double */
 #include <string.h> /* memcpy of bits */
+#include "base/_types.h" /* sj_exact */
 
 static inline sj_exact exact_of(double x)
 {

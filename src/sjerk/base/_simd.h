@@ -1,15 +1,16 @@
-/* What the processor can be asked for beside the language, where it can be.
+/* What the processor can be asked for that the language does not have.
  *
- * WIDE: a function whose loops use wider vectors where the processor has them. The same operations in
+ * SIMD: a function whose loops use wider vectors where the processor has them. The same operations in
  * the same order, no fused ones, so the same bits.
  */
 #pragma once
+#include <stddef.h> /* size_t */
 
 /* Sanitizers start after the resolver of such a function runs. */
 #if defined(__x86_64__) && defined(__GLIBC__) && defined(__GNUC__) && !defined(__SANITIZE_ADDRESS__)
-#define WIDE __attribute__((target_clones("avx2", "default")))
+#define SIMD __attribute__((target_clones("avx2", "default")))
 #else
-#define WIDE
+#define SIMD
 #endif
 
 /* Bring a line of memory into the caches, and its page's address; changes nothing. */

@@ -12,7 +12,7 @@ enum {
 #define SJ_CYCLES_MAX 1125899906842624 /* most cycles of one plan, 2^50 */
 
 typedef struct {
-    double hi, lo;                      /* the sum of both, about 106 bits (_exact.h) */
+    double hi, lo;                      /* the sum of both, about 106 bits (_double_double.h) */
 } sj_exact;
 
 typedef struct {

@@ -1,4 +1,4 @@
-"""cyclictest (rt-tests) beside a kernel: the system's own wake-up latency in the same seconds.
+"""cyclictest (rt-tests) next to a kernel: the system's own wake-up latency in the same seconds.
 
 Started as an external program where it is installed; its JSON is read. Never here: the kernel.
 """
@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from sjerk.errors import InputError, SjerkError, positive
-from sjerk.host.timing import Distribution
+from sjerk.host import Distribution
 
 #: Longest latency that gets a bucket of its own, microseconds; longer ones are counted.
 LONGEST_US = 10_000

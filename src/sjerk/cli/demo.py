@@ -10,20 +10,25 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Generator, Iterator
+from collections.abc import Generator, Iterator, Sequence
 from contextlib import closing
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from sjerk.errors import InputError
-from sjerk.executor.playing import StreamPlayer
-from sjerk.host.feedback import AxisFeedback
-from sjerk.host.host import Host
-from sjerk.host.timing import Distribution, Timing
-from sjerk.kernel.kernel import Axis, MotionKernel
+from sjerk._binding import lib
+from sjerk.errors import ExtraMissingError, InputError
+from sjerk.executor import StreamPlayer
+from sjerk.extras import load
+from sjerk.host import Distribution, Host, Timing
+from sjerk.kernel import Axis, MotionKernel
 from sjerk.profile import FloatArray, Limits
-from sjerk.trajectory.trajectory import Recording, read_recording
+from sjerk.recording import Recorder, Recording
+from sjerk.trajectory import RecordedPath, read_recording, shipped_recording
 
 COUNTS_PER_DEGREE = 2**24 / 360.0
 #: Panda joint 1 under the paper's velocity limit; half of each ramp is spent at jerk.
@@ -39,32 +44,66 @@ AHEAD_S = 0.1
 DIP = 0.1
 
 
-class Record:
-    """Every cycle of one axis that the host saw; what it missed is counted."""
+@dataclass(frozen=True)
+class Run:
+    """The path played by one method, as its cycles were recorded; arrays (cycles,), deg, s."""
 
-    def __init__(self, label: str) -> None:
-        self.label = label
-        self.cycles: list[int] = []
-        self.rows: list[AxisFeedback] = []
-        self.peak_velocity = self.peak_acceleration = self.peak_jerk = 0.0
+    label: str
+    cycle: NDArray[np.uint64]
+    moving: NDArray[np.bool_]
+    position: FloatArray
+    velocity: FloatArray
+    acceleration: FloatArray
+    jerk: FloatArray
+    actual_position: FloatArray
+    actual_counts: NDArray[np.int64]
+    missed: int
 
-    def follow(self, host: Host, goals: Iterator[float], end: float) -> None:
-        """Record until the motion has rested at ``end`` for a while; shows progress.
+    @classmethod
+    def of(cls, label: str, recording: Recording, after: int, missed: int) -> Run:
+        """The cycles of a recording after one of them."""
+        rows = recording.cycle > after
+        flags = recording.column("flags")[rows, 0]
+        numbers = {
+            name: getattr(recording, name)[rows, 0]
+            for name in ("position", "velocity", "acceleration", "jerk", "actual_position")
+        }
+        return cls(
+            label=label,
+            cycle=recording.cycle[rows],
+            moving=(flags & lib.SJ_TRACE_MOVING) != 0,
+            actual_counts=recording.column("actual_counts")[rows, 0],
+            missed=missed,
+            **numbers,
+        )
 
-        ``goals`` is asked in every turn: it commands what is due and gives the newest goal.
-        """
-        before = host.feedback().axes[0]
-        start = before.position
-        still_since: float | None = None
-        shown = -1
+    @property
+    def actual_velocity(self) -> FloatArray:
+        """By the encoder, deg per cycle."""
+        return np.diff(self.actual_position, prepend=self.actual_position[:1])
+
+    def peak(self, name: str) -> float:
+        """The largest magnitude of velocity, acceleration or jerk."""
+        return float(np.abs(getattr(self, name)).max())
+
+    def error(self, goal: float) -> int:
+        """How far the encoder is from the goal at the end, increments."""
+        return int(self.actual_counts[-1]) - round(goal * COUNTS_PER_DEGREE)
+
+
+def play(host: Host, label: str, goals: Iterator[float], end: float) -> Run:
+    """Record until the motion has rested at ``end`` for a while; shows progress.
+
+    ``goals`` is asked in every turn: it commands what is due and gives the newest goal.
+    """
+    before = host.feedback()
+    start = before.axes[0].position
+    still_since: float | None = None
+    shown = -1
+    with Recorder(host.name, None) as recorder:
         while still_since is None or time.monotonic() - still_since < AFTER_S:
             goal = next(goals)
-            feedback = host.feedback()
-            if self.cycles and feedback.cycle == self.cycles[-1]:
-                time.sleep(100e-6)
-                continue
-            axis = feedback.axes[0]
-            self._add(feedback.cycle, axis, axis.goal_id > before.goal_id)
+            axis = host.feedback().axes[0]
             if goal != end or axis.position != end or axis.moving:
                 still_since = None
             elif still_since is None:
@@ -72,28 +111,11 @@ class Record:
             share = int(10.0 * abs(axis.position - start) / (abs(end - start) or 1.0)) * 10
             if share != shown:
                 shown = share
-                line = f"\r{self.label}: {share:3d} % {axis.position:9.3f} deg"
+                line = f"\r{label}: {share:3d} % {axis.position:9.3f} deg"
                 print(line, end="", file=sys.stderr)
+            time.sleep(200e-6)
         print(file=sys.stderr)
-
-    def _add(self, cycle: int, axis: AxisFeedback, ours: bool) -> None:
-        self.cycles.append(cycle)
-        self.rows.append(axis)
-        if not ours:
-            return
-        # the kernel keeps the peaks of every cycle of a goal, also of those not seen here
-        self.peak_velocity = max(self.peak_velocity, axis.peak_velocity)
-        self.peak_acceleration = max(self.peak_acceleration, axis.peak_acceleration)
-        self.peak_jerk = max(self.peak_jerk, axis.peak_jerk)
-
-    @property
-    def missed(self) -> int:
-        """Cycles between the first and the last that the host did not see."""
-        return self.cycles[-1] - self.cycles[0] + 1 - len(self.cycles)
-
-    def column(self, name: str) -> FloatArray:
-        """One field over all recorded cycles."""
-        return np.array([getattr(row, name) for row in self.rows], dtype=np.float64)
+    return Run.of(label, recorder.recording, before.cycle, recorder.missed)
 
 
 def dips(velocity: FloatArray) -> int:
@@ -111,14 +133,14 @@ def dips(velocity: FloatArray) -> int:
     return count
 
 
-def single_move(host: Host, goal: float) -> Iterator[float]:
+def single_move(host: Host, goal: float) -> Generator[float, None, None]:
     """Command the end of the path once."""
     host.move(goal)
     while True:
         yield goal
 
 
-def streamed(host: Host, recording: Recording) -> Iterator[float]:
+def streamed(host: Host, recording: RecordedPath) -> Generator[float, None, None]:
     """Command each recorded point at its time."""
     start = time.monotonic()
     for due, goal in zip(recording.time[1:], recording.position[1:], strict=True):
@@ -129,7 +151,9 @@ def streamed(host: Host, recording: Recording) -> Iterator[float]:
         yield float(recording.position[-1])
 
 
-def ahead(host: Host, recording: Recording, *, stop_within: bool) -> Generator[float, None, None]:
+def lookahead(
+    host: Host, recording: RecordedPath, *, stop_within: bool
+) -> Generator[float, None, None]:
     """Hand each recorded point at its time to a stream with look-ahead."""
     period = float(np.median(np.diff(recording.time)))
     with StreamPlayer(
@@ -147,6 +171,22 @@ def ahead(host: Host, recording: Recording, *, stop_within: bool) -> Generator[f
             yield float(recording.position[-1])
 
 
+def add_arguments(jobs: Any) -> None:
+    """Add demo."""
+    job = jobs.add_parser("demo", help="follow a recorded path with a simulated servo drive")
+    job.add_argument(
+        "path",
+        nargs="?",
+        type=Path,
+        default=shipped_recording(),
+        help="CSV (time_s,position_deg) or ROS 2 bag; default: the shipped TOPP-RA plan",
+    )
+    job.add_argument("--out", type=Path, default=Path("demo.png"), help="the picture (%(default)s)")
+    job.add_argument("--joint", help="joint of a bag (default: its first)")
+    job.add_argument("--cycle-us", type=float, default=1000.0, help="control cycle (%(default)s)")
+    job.set_defaults(run=lambda o: run(o.path, o.out, o.cycle_us / 1e6, o.joint))
+
+
 def run(path: Path, out: Path, cycle_time: float, joint: str | None) -> int:
     """Do the experiment; prints the table, writes the picture. Returns the exit code."""
     _check_picture(out)
@@ -157,21 +197,19 @@ def run(path: Path, out: Path, cycle_time: float, joint: str | None) -> int:
         f"{path.name}: joint {recording.joint}, {len(recording.time)} points over "
         f"{recording.time[-1]:.2f} s, ends at {end:.3f} deg"
     )
-    single, stream = Record("one move"), Record("interrupted")
-    within, trusted = Record("stop within"), Record("look-ahead")
-    records = (single, stream, within, trusted)
+    runs = []
     with MotionKernel(axes=[axis], cycle_time=cycle_time) as kernel, kernel.host() as host:
         try:
             host.enable()
-            host.move(start).wait()
-            single.follow(host, single_move(host, end), end)
-            host.move(start).wait()
-            stream.follow(host, streamed(host, recording), end)
-            for record in (within, trusted):
+            for label, begin in (
+                ("one move", partial(single_move, host, end)),
+                ("interrupted", partial(streamed, host, recording)),
+                ("stop within", partial(lookahead, host, recording, stop_within=True)),
+                ("look-ahead", partial(lookahead, host, recording, stop_within=False)),
+            ):
                 host.move(start).wait()
-                goals = ahead(host, recording, stop_within=record is within)
-                with closing(goals):
-                    record.follow(host, goals, end)
+                with closing(begin()) as goals:
+                    runs.append(play(host, label, goals, end))
             timing = host.feedback().timing
             host.disable()
         except KeyboardInterrupt:
@@ -180,8 +218,8 @@ def run(path: Path, out: Path, cycle_time: float, joint: str | None) -> int:
             at = host.feedback().axes[0]
             print(f"stopped at {at.position:.6f} deg, velocity {at.velocity:g} deg/s")
             return 130
-    print(table(recording, records, timing, cycle_time))
-    return draw(out, recording, records, cycle_time)
+    print(table(recording, runs, timing, cycle_time))
+    return draw(out, recording, runs, cycle_time)
 
 
 def _check_picture(out: Path) -> None:
@@ -194,22 +232,20 @@ def _check_picture(out: Path) -> None:
         raise InputError("--out", str(out), "must be a file, not a folder")
 
 
-def table(
-    recording: Recording, records: tuple[Record, ...], timing: Timing, cycle_time: float
-) -> str:
+def table(recording: RecordedPath, runs: Sequence[Run], timing: Timing, cycle_time: float) -> str:
     """The figures of the run."""
     goal = float(recording.position[-1])
     own = dips(np.diff(recording.position) / np.diff(recording.time))
     rows: list[tuple[str, list[str]]] = [
-        ("", [record.label for record in records]),
+        ("", [run.label for run in runs]),
         (
             f"cycles of {cycle_time * 1e6:g} us",
-            [str(round(float(np.sum(r.column("moving"))))) + " in motion" for r in records],
+            [f"{int(run.moving.sum())} in motion" for run in runs],
         ),
-        ("not seen by the host", [f"{r.missed} cycles" for r in records]),
+        ("not recorded", [f"{run.missed} cycles" for run in runs]),
         (
             f"final error {AFTER_S:g} s later",
-            [f"{_error(r, goal)} increments" for r in records],
+            [f"{run.error(goal)} increments" for run in runs],
         ),
     ]
     for name, most, unit in (
@@ -217,20 +253,20 @@ def table(
         ("acceleration", LIMITS.acceleration, "deg/s^2"),
         ("jerk", LIMITS.jerk, "deg/s^3"),
     ):
-        peaks = [getattr(record, f"peak_{name}") for record in records]
+        peaks = [run.peak(name) for run in runs]
         label = f"largest {name}, limit {most:.3f} {unit}"
         rows.append((label, [f"{peak:.4f} ({peak / most:.2%})" for peak in peaks]))
     rows.append(
         (
             f"dips of the velocity > 10 %, path's own {own}",
-            [str(dips(r.column("velocity"))) for r in records],
+            [str(dips(run.velocity)) for run in runs],
         )
     )
     plan = float(recording.time[-1])
     rows.append(
         (
-            f"in motion beside the path's {plan:.2f} s",
-            [f"{_moving(r) * cycle_time - plan:+.3f} s" for r in records],
+            f"in motion, compared with the path's {plan:.2f} s",
+            [f"{_moving(run) * cycle_time - plan:+.3f} s" for run in runs],
         )
     )
     lines = [f"{name:46}" + "".join(f"{cell:>24}" for cell in cells) for name, cells in rows]
@@ -246,50 +282,48 @@ def table(
     return "\n".join(lines)
 
 
-def _moving(record: Record) -> int:
+def _moving(run: Run) -> int:
     """Cycles from the first commanded change to the last."""
-    position = record.column("position")
-    changed = np.flatnonzero(np.diff(position) != 0.0)
-    return int(record.cycles[changed[-1] + 1] - record.cycles[changed[0]])
-
-
-def _error(record: Record, goal: float) -> int:
-    return record.rows[-1].actual_counts - round(goal * COUNTS_PER_DEGREE)
+    changed = np.flatnonzero(np.diff(run.position) != 0.0)
+    return int(run.cycle[changed[-1] + 1] - run.cycle[changed[0]])
 
 
 def _us(row: Distribution) -> str:
     return "".join(f"{1e6 * x:10.1f}" for x in (row.median, row.p99, row.p999, row.worst))
 
 
-def draw(out: Path, recording: Recording, records: tuple[Record, ...], cycle_time: float) -> int:
+def draw(out: Path, recording: RecordedPath, runs: Sequence[Run], cycle_time: float) -> int:
     """Write the picture, or say what is missing for it."""
     try:
-        from sjerk.cli.plot import Curve, panels
-    except ImportError:
+        pictures = load("sjerk.cli.pictures", extra="demo")
+    except ExtraMissingError:
         print("no picture: matplotlib draws it (pip install 'sjerk[demo]')")
         return 0
-    panel = {
-        "position / deg": [Curve("recorded path", recording.time, recording.position, "k.")],
+    panel: dict[str, list[Any]] = {
+        "position / deg": [
+            pictures.Curve("recorded path", recording.time, recording.position, "k.")
+        ],
         "velocity / (deg/s)": [],
         "acceleration / (deg/s^2)": [],
         "jerk / (deg/s^3)": [],
     }
-    for record, colour in zip(records, ("C0", "C1", "C2", "C3"), strict=True):
-        t = (np.array(record.cycles) - record.cycles[0]) * cycle_time
+    for run, colour in zip(runs, ("C0", "C1", "C2", "C3"), strict=True):
+        t = (run.cycle - run.cycle[0]) * cycle_time
         for name in panel:
             field = name.split()[0]
-            label = f"{record.label}, commanded"
-            panel[name].append(Curve(label, t, record.column(field), f"{colour}-"))
+            label = f"{run.label}, commanded"
+            panel[name].append(pictures.Curve(label, t, getattr(run, field), f"{colour}-"))
             if field in ("position", "velocity"):
-                actual = record.column(f"actual_{field}")
-                label = "actual" if record is records[-1] else ""
-                panel[name].append(Curve(label, t, actual, "k:"))
+                actual = getattr(run, f"actual_{field}")
+                scale = 1.0 / cycle_time if field == "velocity" else 1.0
+                label = "actual" if run is runs[-1] else ""
+                panel[name].append(pictures.Curve(label, t, actual * scale, "k:"))
     limits = {
         "velocity / (deg/s)": LIMITS.velocity,
         "acceleration / (deg/s^2)": LIMITS.acceleration,
         "jerk / (deg/s^3)": LIMITS.jerk,
     }
     title = f"one move, and every point streamed in three ways; cycle {cycle_time * 1e6:g} us"
-    panels(out, title, panel, limits)
+    pictures.panels(out, title, panel, limits)
     print(f"picture: {out}")
     return 0

@@ -1,7 +1,4 @@
-"""The command of a person who has a trajectory: follow.
-
-Never here: motion, layouts.
-"""
+"""``sjerk follow``: a trajectory from a file, played on a kernel. Never here: motion, layouts."""
 
 from __future__ import annotations
 
@@ -15,15 +12,21 @@ from typing import Any
 import numpy as np
 
 from sjerk.cli.arguments import duration
-from sjerk.cli.commands import host_of, show
+from sjerk.cli.common import host_of, show
 from sjerk.errors import InputError
-from sjerk.executor.executor import GoalHandle, TrajectoryExecutor
-from sjerk.executor.goal import GoalFeedback, GoalStatus, ResultCode, Settings
-from sjerk.host.host import Host
-from sjerk.kernel.config import load
-from sjerk.trajectory.trajectory import ExecutionMode, Trajectory
+from sjerk.executor import (
+    GoalFeedback,
+    GoalHandle,
+    GoalStatus,
+    ResultCode,
+    Settings,
+    TrajectoryExecutor,
+)
+from sjerk.host import Host
+from sjerk.kernel import load
+from sjerk.trajectory import ExecutionMode, Trajectory
 
-_REFUSED, _STOPPED, _LATE = 3, 4, 5
+_REFUSED, _STOPPED = 3, 4
 
 
 def add_arguments(jobs: Any) -> None:
@@ -41,10 +44,11 @@ def add_arguments(jobs: Any) -> None:
     job.add_argument("--joints", nargs="+", help="names of the axes; default: the file's, in order")
     job.add_argument("--timeout", type=duration, help="seconds; then it stops")
     job.add_argument("--json", action="store_true", help="one JSON object per line")
-    job.set_defaults(run=_follow)
+    job.set_defaults(run=run)
 
 
-def _follow(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> int:
+    """Exit code 3 where it is refused, 4 where it is stopped; Ctrl-C stops it."""
     if options.scale == 0.0:  # of a running goal it is a pause, at the start it never ends
         raise InputError("scale", options.scale, "must be greater than 0, up to 2")
     settings = Settings(
@@ -55,20 +59,23 @@ def _follow(options: argparse.Namespace) -> int:
         allow_partial_joints=True,
         allow_end_velocity=True,
     )
-    way = _read(options.path)
+    trajectory = _read(options.path)
     with ExitStack() as open_:
         if options.kernel is not None:
             host = open_.enter_context(open_.enter_context(load(options.kernel)).host())
             host.enable()
         else:
             host = open_.enter_context(host_of(options))
-        names, way = _fit(host, way, options)
+        names, trajectory = _fit(host, trajectory, options)
         executor = open_.enter_context(
             TrajectoryExecutor(
-                host, names, settings=settings, on_feedback=_Progress(options, len(way)).tell
+                host,
+                names,
+                settings=settings,
+                on_feedback=_Progress(options, len(trajectory)).report,
             )
         )
-        goal = executor.submit(way)
+        goal = executor.submit(trajectory)
         try:
             goal.result(options.timeout)
         except TimeoutError:
@@ -88,30 +95,32 @@ def _read(path: Path) -> Trajectory:
     return (Trajectory.from_csv if path.suffix.lower() == ".csv" else Trajectory.from_bag)(path)
 
 
-def _fit(host: Host, way: Trajectory, options: argparse.Namespace) -> tuple[list[str], Trajectory]:
+def _fit(
+    host: Host, trajectory: Trajectory, options: argparse.Namespace
+) -> tuple[list[str], Trajectory]:
     """Names of the kernel's axes, and the trajectory in their units; bags are in radians."""
     axes = host.feedback().axes
-    names = list(options.joints or way.joint_names)
+    names = list(options.joints or trajectory.joint_names)
     if len(names) > len(axes):
         raise InputError("joints", names, f"the kernel has {len(axes)} axes: --joints picks some")
     for name in names:
-        if name not in way.joint_names:
-            raise InputError("joints", name, f"the file has {', '.join(way.joint_names)}")
+        if name not in trajectory.joint_names:
+            raise InputError("joints", name, f"the file has {', '.join(trajectory.joint_names)}")
         if names.count(name) > 1:
             raise InputError("joints", name, "is named twice")
     present = names.copy()
-    columns = [way.joint_names.index(name) for name in present]
+    columns = [trajectory.joint_names.index(name) for name in present]
     bag = options.path.suffix.lower() != ".csv"
     scale = np.array(
         [180.0 / np.pi if bag and axes[names.index(n)].unit == "deg" else 1.0 for n in present]
     )
     rows = [
         None if rows is None else rows[:, columns] * scale
-        for rows in (way.position, way.velocity, way.acceleration)
+        for rows in (trajectory.position, trajectory.velocity, trajectory.acceleration)
     ]
     assert rows[0] is not None
     names += [f"axis {i}" for i in range(len(names), len(axes))]
-    return names, Trajectory(present, way.time, rows[0], rows[1], rows[2])
+    return names, Trajectory(present, trajectory.time, rows[0], rows[1], rows[2])
 
 
 def _stop(host: Host, goal: GoalHandle) -> None:
@@ -126,10 +135,10 @@ class _Progress:
         self._options, self._points = options, points
         self._lock = threading.Lock()
 
-    def tell(self, goal: GoalHandle, told: GoalFeedback) -> None:
+    def report(self, goal: GoalHandle, feedback: GoalFeedback) -> None:
         """One line of feedback."""
-        worst = float(np.abs(told.error).max())
-        point = told.point + 1  # of the trajectory, counted as a person does
+        worst = float(np.abs(feedback.error).max())
+        point = feedback.point + 1  # of the trajectory, counted as a person does
         with self._lock:
             if self._options.json:
                 show(
@@ -137,14 +146,14 @@ class _Progress:
                     {
                         "point": point,
                         "points": self._points,
-                        "desired": told.desired.tolist(),
-                        "actual": told.actual.tolist(),
+                        "desired": feedback.desired.tolist(),
+                        "actual": feedback.actual.tolist(),
                         "error": worst,
-                        "speed": told.speed,
+                        "speed": feedback.speed,
                     },
                 )
                 return
-            line = f"\rway-point {point} of {self._points}, speed {told.speed:.0%}"
+            line = f"\rway-point {point} of {self._points}, speed {feedback.speed:.0%}"
             print(f"{line}, error {worst:.6f} ", end="", file=sys.stderr, flush=True)
 
 

@@ -1,92 +1,101 @@
-"""Pictures, by matplotlib (extra ``demo``). Never here: equations, decisions."""
+"""``sjerk plot``: a recording as a picture. Never here: how it is drawn."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+import argparse
+import itertools
 from pathlib import Path
+from typing import Any
 
-import matplotlib
 import numpy as np
 from numpy.typing import NDArray
 
-matplotlib.use("Agg")
-from matplotlib import pyplot as plt
-
 from sjerk.errors import InputError
+from sjerk.extras import load
+from sjerk.recording import Recording
 
-FloatArray = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Curve:
-    """One line of a panel."""
-
-    label: str
-    x: FloatArray
-    y: FloatArray
-    style: str = "-"
+_POINTS = 2000  # most points of a curve: more is not seen
 
 
-def check(out: Path) -> None:
-    """Raise InputError for a picture that cannot be written by its suffix."""
-    known = sorted(plt.figure().canvas.get_supported_filetypes())
-    plt.close()
-    if out.suffix[1:].lower() not in known:
-        raise InputError("out", str(out), f"must end in .{', .'.join(known)}")
+def add_arguments(jobs: Any) -> None:
+    """Add plot."""
+    job = jobs.add_parser("plot", help="a picture of a recording: planned, commanded, actual")
+    job.add_argument("file", type=Path)
+    job.add_argument("--out", type=Path, help="default: the recording's name with .png")
+    job.add_argument("--axes", type=int, nargs="+", help="default: all")
+    job.set_defaults(run=run)
 
 
-def panels(
-    out: Path,
-    title: str,
-    content: Mapping[str, Sequence[Curve]],
-    limits: Mapping[str, float],
-    *,
-    x_label: str = "time / s",
-) -> None:
-    """Draw panels one above the other, each a list of curves, with its limit as dashed lines."""
-    figure, axes = plt.subplots(
-        len(content), 1, sharex=True, figsize=(9.0, 2.3 * len(content)), layout="constrained"
+def run(options: argparse.Namespace) -> int:
+    """Check the picture's kind before the recording is read."""
+    pictures = load("sjerk.cli.pictures", extra="demo")
+    out = options.out or options.file.with_suffix(".png")
+    pictures.check(out)
+    recording = Recording.open(options.file)
+    if not len(recording):
+        raise InputError("file", str(options.file), "has no cycle")
+    axes = options.axes or range(len(recording.axes))
+    for i in axes:
+        if not 0 <= i < len(recording.axes):
+            raise InputError("axes", i, f"axis numbers are 0 .. {len(recording.axes) - 1}")
+    pictures.grid(
+        out,
+        f"{recording.name}: {len(recording)} cycles of {recording.cycle_time * 1e6:g} us",
+        [(f"axis {i}", _panels(pictures.Curve, recording, i)) for i in axes],
     )
-    for axis, (name, curves) in zip(np.atleast_1d(axes), content.items(), strict=True):
-        for curve in curves:
-            axis.plot(curve.x, curve.y, curve.style, label=curve.label, linewidth=1.2, markersize=4)
-        if name in limits:
-            for sign in (1.0, -1.0):
-                axis.axhline(sign * limits[name], color="0.5", linestyle="--", linewidth=0.8)
-        axis.set_ylabel(name)
-        axis.grid(alpha=0.3)
-        axis.legend(loc="best", fontsize="small")
-    np.atleast_1d(axes)[-1].set_xlabel(x_label)
-    figure.suptitle(title)
-    figure.savefig(out, dpi=110)
-    plt.close(figure)
+    print(f"plot: {out}")
+    return 0
 
 
-def grid(
-    out: Path, title: str, columns: Sequence[tuple[str, Mapping[str, Sequence[Curve]]]]
-) -> None:
-    """Draw columns of panels side by side; a curve without a label is not in the legend."""
-    rows = max(len(content) for _, content in columns)
-    figure, axes = plt.subplots(
-        rows,
-        len(columns),
-        sharex=True,
-        squeeze=False,
-        figsize=(max(9.0, 4.5 * len(columns)), 2.2 * rows),
-        layout="constrained",
-    )
-    for column, (heading, content) in enumerate(columns):
-        axes[0, column].set_title(heading)
-        for row, (name, curves) in enumerate(content.items()):
-            axis = axes[row, column]
-            for curve in curves:
-                label = curve.label or "_"
-                axis.plot(curve.x, curve.y, curve.style, label=label, linewidth=0.9)
-            axis.set_ylabel(name)
-            axis.grid(alpha=0.3)
-            axis.legend(loc="upper right", fontsize="x-small")
-        axes[-1, column].set_xlabel("time / s")
-    figure.suptitle(title)
-    figure.savefig(out, dpi=90)
-    plt.close(figure)
+def _thin(values: NDArray[Any]) -> NDArray[Any]:
+    """Indices of at most so many rows: of each bin its smallest and its largest value."""
+    n = len(values)
+    if n <= _POINTS:
+        return np.arange(n)
+    edges = np.linspace(0, n, _POINTS // 2 + 1).astype(int)
+    found = [0, n - 1]
+    for low, high in itertools.pairwise(edges):
+        part = values[low:high]
+        found += [low + int(np.argmin(part)), low + int(np.argmax(part))]
+    return np.unique(found)
+
+
+def _panels(curve: Any, recording: Recording, i: int) -> dict[str, list[Any]]:
+    T, time_s, unit = recording.cycle_time, recording.time, recording.axes[i].unit or "unit"
+
+    def one(label: str, values: NDArray[Any], style: str = "-") -> Any:
+        rows = _thin(values)
+        return curve(label, time_s[rows], values[rows], style)
+
+    limits = recording.column("limits")[:, i]
+    position, actual = recording.position[:, i], recording.actual_position[:, i]
+    own = recording.axes[i].limits.position
+    cycles, planned = recording.way_points(i)
+    points = [curve("way-points", cycles * T, planned, "k.")] if len(cycles) else []
+    bounds = [one("", np.full(len(position), x), "k--") for x in own or ()]
+    found = {
+        f"position / {unit}": [
+            one("planned", recording.goal[:, i], ":"),
+            one("commanded", position),
+            one("actual", actual, "--"),
+            *points,
+            *bounds,
+        ],
+        f"error / {unit}": [one("commanded - actual", position - actual)],
+    }
+    for n, (name, values) in enumerate(
+        (
+            ("velocity", recording.velocity),
+            ("acceleration", recording.acceleration),
+            ("jerk", recording.jerk),
+        ),
+        start=1,
+    ):
+        down = {"acceleration": "deceleration", "jerk": "deceleration_jerk"}.get(name, name)
+        most = np.maximum(limits[name], limits[down]) / T**n
+        found[f"{name} / {unit}/s{n if n > 1 else ''}"] = [
+            one("commanded", values[:, i]),
+            one("limits", most, "k--"),
+            one("", -most, "k--"),
+        ]
+    return found

@@ -1,40 +1,63 @@
-/* Passing a goal: the velocity to pass with, and the plans of the move before and of the next one.
+/* Blending: a move passes its goal with a velocity, and the next one takes over there (PLCopen motion
+ * control part 1, BufferMode BlendingLow, Previous, Next, High).
  *
- * The velocity is such that the next move can come to rest at its own goal, and that the one before
- * reaches it within its own way. Below its own velocity limit a move keeps it; a passage at more is a
- * run-up before the goal, or a run-down behind it. Never here: which move is next, the ring, time.
+ * The blend is a new plan of the move under way: from the commanded state to its goal, which
+ * stays exact, on its cycle, *with* a velocity v. The next move starts from this state. For each axis
+ * that both moves have, in the direction of the next distance D:
+ *
+ *   v = 0, where the two moves go in opposite directions or one of them does not move the axis
+ *   v <= the velocity that the mode asks for: of the lower, previous, next, or higher move; that of
+ *        an axis is the one on a straight line that is run as fast as the tightest axis allows
+ *   v <= the highest with stopping_distance(v) <= |D|: the next move can come to rest on its own
+ *        goal, so nothing depends on a record that may not come
+ *   v <= the highest with reaching_distance(v) <= the distance that the move under way has left
+ *
+ * Each bound is searched by bisection: the first one with an estimate in closed form, confirmed by
+ * the planner; the second one depends on the present acceleration and asks the planner each time. The
+ * work is bounded by HALVINGS, TRIES and CLOSE_HALVINGS. A plan that goes back before its goal,
+ * or leaves the position limits, is no blend.
+ *
+ * Acceleration and jerk are those of the move under way, in every cycle. So is the velocity
+ * limit, with the exception that the modes ask for: a blend above the limit of one of the moves is a
+ * run-up just before the goal, or a run-down just behind it (_run_down.c).
+ *
+ * Never here: which move is next and when to try (_queue.c), the ring, time.
  */
 #include <math.h>   /* fabs, ceil, sqrt */
 #include <stddef.h>
 #include <stdint.h>
-#include "_cycle.h"
-#include "_blend.h"
+#include "cycle/_axis.h"
+#include "cycle/_blend.h"
+#include "cycle/_run_down.h"
 
-/* ---- velocities to pass with ---- */
+/* ---- the velocity at the goal ---- */
 
-/* The shares of a straight line that is run as fast as its tightest axis allows. */
-static void along(int32_t n, const double *way, const sj_limits *limits, double *velocity)
+/* Velocities on a straight line that is run as fast as its tightest axis allows:
+ *   |v_i| = |d_i| min_k (v_max,k / |d_k|) */
+static void line_velocities(int32_t n, const double *distance, const sj_limits *limits,
+                            double *velocity)
 {
     double share = INFINITY;
     for (int32_t i = 0; i < n; i++)
-        if (way[i] != 0.0)
-            share = fmin(share, limits[i].velocity / fabs(way[i]));
+        if (distance[i] != 0.0)
+            share = fmin(share, limits[i].velocity / fabs(distance[i]));
     for (int32_t i = 0; i < n; i++)
-        velocity[i] = way[i] != 0.0 ? fabs(way[i]) * share : 0.0;
+        velocity[i] = distance[i] != 0.0 ? fabs(distance[i]) * share : 0.0;
 }
 
-/* What a change of velocity covers, in the direction of `sign`. */
-static double covers(double v0, double a0, double v1, const sj_limits *limits, double sign,
-                     sj_plan *plan)
+/* The distance of a change of velocity, in the direction of `sign`; INFINITY: there is no plan. */
+static double change_distance(double v0, double a0, double v1, const sj_limits *limits,
+                              double sign, sj_plan *plan)
 {
     double low, high;
     if (sj_plan_velocity(v0, a0, v1, limits, plan) != SJ_PLAN_OK)
         return INFINITY;
-    return sign * sj_goal_way(plan, v0, a0, &low, &high);
+    return sign * sj_axis_distance(plan, v0, a0, &low, &high);
 }
 
-/* Its estimate: the mean velocity over whole cycles. */
-static double about(double v0, double v1, double acceleration, double jerk)
+/* An estimate of it: the mean velocity over whole cycles, with v = |v1 - v0|:
+ *   t = v/a + a/j, or 2 sqrt(v/j) where v j < a^2        d = (v0 + v1)/2 ceil(t) */
+static double change_estimate(double v0, double v1, double acceleration, double jerk)
 {
     double v = fabs(v1 - v0);
     double t = v * jerk >= acceleration * acceleration ? v / acceleration + acceleration / jerk
@@ -44,40 +67,40 @@ static double about(double v0, double v1, double acceleration, double jerk)
 
 enum { HALVINGS = 40, TRIES = 6, CLOSE_HALVINGS = 16 };
 
-static sj_limits up_to(const sj_limits *limits, double velocity)
+static sj_limits raised_to(const sj_limits *limits, double velocity)
 {
     sj_limits wide = *limits;
     wide.velocity = fmax(wide.velocity, velocity);
     return wide;
 }
 
-/* What a move covers from v to rest, down to its velocity limit first. The plan runs from sample to
- * sample: half a cycle of the velocity is the lemma's. */
-static double to_rest(double v, const sj_limits *limits, double sign, sj_plan *plan)
+/* The distance from v to rest, down to the velocity limit of the move first. A blend has v in a
+ * sample, a plan in the continuous motion: half a cycle of v lies between them (_continuous.h). */
+static double stopping_distance(double v, const sj_limits *limits, double sign, sj_plan *plan)
 {
-    double within = fmin(v, limits->velocity), way = 0.5 * v;
-    sj_limits wide = up_to(limits, v);
+    double within = fmin(v, limits->velocity), distance = 0.5 * v;
+    sj_limits wide = raised_to(limits, v);
     if (v > within)
-        way += covers(sign * v, 0.0, sign * within, &wide, sign, plan);
-    return way + covers(sign * within, 0.0, 0.0, limits, sign, plan);
+        distance += change_distance(sign * v, 0.0, sign * within, &wide, sign, plan);
+    return distance + change_distance(sign * within, 0.0, 0.0, limits, sign, plan);
 }
 
-static double about_to_rest(double v, const sj_limits *limits)
+static double stopping_estimate(double v, const sj_limits *limits)
 {
     double within = fmin(v, limits->velocity);
     double a = limits->deceleration, j = limits->deceleration_jerk;
-    return 0.5 * v + about(v, within, a, j) + about(within, 0.0, a, j);
+    return 0.5 * v + change_estimate(v, within, a, j) + change_estimate(within, 0.0, a, j);
 }
 
-/* The highest velocity, up to `most`, from which `way` is enough to come to rest. */
-static double stops_within(double way, double most, const sj_limits *limits, double sign,
-                           sj_plan *plan)
+/* The highest velocity, up to `most`, from which `distance` is enough to come to rest. */
+static double fastest_to_stop(double distance, double most, const sj_limits *limits, double sign,
+                              sj_plan *plan)
 {
     double low = 0.0, high = most, v = most;
-    if (about_to_rest(v, limits) > way) {
+    if (stopping_estimate(v, limits) > distance) {
         for (int32_t k = 0; k < HALVINGS; k++) {
             v = 0.5 * (low + high);
-            if (about_to_rest(v, limits) > way)
+            if (stopping_estimate(v, limits) > distance)
                 high = v;
             else
                 low = v;
@@ -85,33 +108,36 @@ static double stops_within(double way, double most, const sj_limits *limits, dou
         v = low;
     }
     for (int32_t k = 0; k < TRIES; k++) {
-        double needed = to_rest(v, limits, sign, plan);
-        if (needed <= way)
+        double needed = stopping_distance(v, limits, sign, plan);
+        if (needed <= distance)
             return v;
-        v *= fmin(way / needed, 1.0) * (1.0 - 1e-9);
+        v *= fmin(distance / needed, 1.0) * (1.0 - 1e-9);
     }
     return 0.0;
 }
 
-/* What an axis needs to reach v: under its limits, and beyond their velocity by a run-up at the end. */
-static double needs(const continuous *at, double v, const sj_limits *limits, double sign,
-                    sj_plan *plan)
+/* The distance that an axis needs to reach v: under its limits, and above their velocity by a run-up at
+ * the end. */
+static double reaching_distance(const continuous *at, double v, const sj_limits *limits,
+                                double sign, sj_plan *plan)
 {
     double within = fmin(v, limits->velocity);
-    double way = covers(at->V.hi, at->A.hi, sign * within, limits, sign, plan) + 0.5 * v;
-    sj_limits wide = up_to(limits, v);
-    return v <= within ? way : way + covers(sign * within, 0.0, sign * v, &wide, sign, plan);
+    double distance = change_distance(at->V.hi, at->A.hi, sign * within, limits, sign, plan) + 0.5 * v;
+    sj_limits wide = raised_to(limits, v);
+    if (v <= within)
+        return distance;
+    return distance + change_distance(sign * within, 0.0, sign * v, &wide, sign, plan);
 }
 
-static double reaches(const continuous *at, double way, double most, const sj_limits *limits,
-                      double sign, sj_plan *plan)
+static double fastest_to_reach(const continuous *at, double distance, double most,
+                               const sj_limits *limits, double sign, sj_plan *plan)
 {
     double low = 0.0, high = most;
-    if (needs(at, most, limits, sign, plan) <= way)
+    if (reaching_distance(at, most, limits, sign, plan) <= distance)
         return most;
     for (int32_t k = 0; k < CLOSE_HALVINGS; k++) {
         double v = 0.5 * (low + high);
-        if (needs(at, v, limits, sign, plan) <= way)
+        if (reaching_distance(at, v, limits, sign, plan) <= distance)
             low = v;
         else
             high = v;
@@ -119,7 +145,7 @@ static double reaches(const continuous *at, double way, double most, const sj_li
     return low;
 }
 
-static double wanted(int32_t mode, double previous, double next)
+static double asked_velocity(int32_t mode, double previous, double next)
 {
     switch (mode) {
     case SJ_BUFFER_PREVIOUS:
@@ -133,206 +159,107 @@ static double wanted(int32_t mode, double previous, double next)
     }
 }
 
-int32_t sj_passage_choose(sj_kernel *kernel, int32_t mode, int32_t synchronization, passage *p)
+int32_t sj_blend_choose(sj_kernel *kernel, int32_t mode, int32_t synchronization, sj_blend *b)
 {
-    double way[SJ_AXES], next_way[SJ_AXES], own[SJ_AXES], next[SJ_AXES], most = 0.0;
+    double distance[SJ_AXES], next_distance[SJ_AXES], own[SJ_AXES], next[SJ_AXES], most = 0.0;
 
-    for (int32_t i = 0; i < p->n; i++) {
-        const sj_axis *ax = &kernel->axis[p->axes[i]];
-        way[i] = ax->goal.goal - ax->start;
-        p->velocity[i] = 0.0;
+    for (int32_t i = 0; i < b->n; i++) {
+        const sj_axis *ax = &kernel->axis[b->axes[i]];
+        distance[i] = ax->goal.goal - ax->start;
+        b->velocity[i] = 0.0;
     }
-    for (int32_t k = 0; k < p->m; k++) {
-        const sj_axis *ax = &kernel->axis[p->next[k]];
-        next_way[k] = p->goal[k].goal -
-                      (p->place[k] < 0 ? ax->interpolator.q.hi : ax->goal.goal);
+    for (int32_t k = 0; k < b->m; k++) {
+        const sj_axis *ax = &kernel->axis[b->next[k]];
+        next_distance[k] = b->goal[k].goal -
+                      (b->place[k] < 0 ? ax->interpolator.q.hi : ax->goal.goal);
     }
-    along(p->n, way, p->limits, own);
-    along(p->m, next_way, p->next_limits, next);
-    for (int32_t k = 0; k < p->m && synchronization == SJ_SYNC_NONE; k++)
-        next[k] = p->next_limits[k].velocity;
-    for (int32_t k = 0; k < p->m; k++) {
-        int32_t i = p->place[k];
-        double sign = next_way[k] < 0.0 ? -1.0 : 1.0, v, left;
-        if (i < 0 || way[i] * next_way[k] <= 0.0)
+    line_velocities(b->n, distance, b->limits, own);
+    line_velocities(b->m, next_distance, b->next_limits, next);
+    for (int32_t k = 0; k < b->m && synchronization == SJ_SYNC_NONE; k++)
+        next[k] = b->next_limits[k].velocity;
+    for (int32_t k = 0; k < b->m; k++) {
+        int32_t i = b->place[k];
+        double sign = next_distance[k] < 0.0 ? -1.0 : 1.0, v, left;
+        if (i < 0 || distance[i] * next_distance[k] <= 0.0)
             continue;
-        left = sign * lemma_distance(&p->at[i], kernel->axis[p->axes[i]].goal.goal, 0.0);
-        v = wanted(mode, own[i], next[k]);
-        v = stops_within(fabs(next_way[k]), v, &p->next_limits[k], sign, &kernel->plan[0]);
-        v = reaches(&p->at[i], left, v, &p->limits[i], sign, &kernel->plan[0]);
-        p->velocity[i] = sign * v;
+        left = sign * lemma_distance(&b->at[i], kernel->axis[b->axes[i]].goal.goal, 0.0);
+        v = asked_velocity(mode, own[i], next[k]);
+        v = fastest_to_stop(fabs(next_distance[k]), v, &b->next_limits[k], sign, &kernel->plan[0]);
+        v = fastest_to_reach(&b->at[i], left, v, &b->limits[i], sign, &kernel->plan[0]);
+        b->velocity[i] = sign * v;
         most = fmax(most, v);
     }
     return most > 0.0;
 }
 
-/* ---- planning the passage ---- */
+/* ---- the two plans ---- */
 
-/* Forward only: once it goes towards its end, never back. */
-static int32_t is_direct(const sj_plan *plan, double v, double a, double way, double of)
-{
-    double sign = way < 0.0 ? -1.0 : 1.0, least = -1e-9 * of;
-    int32_t forward = sign * v >= least;
-    for (int32_t i = 0; i < plan->count; i++) {
-        double n = (double)plan->phase[i].cycles, j = plan->phase[i].jerk, lowest;
-        double end_v = v + n * (a + 0.5 * n * j), end_a = a + n * j;
-        lowest = sign * end_v;
-        if (a * sign < 0.0 && end_a * sign > 0.0)
-            lowest = fmin(lowest, sign * (v - a * a / (2.0 * j)));
-        if (forward && lowest < least)
-            return 0;
-        forward |= sign * end_v >= 0.0;
-        v = end_v;
-        a = end_a;
-    }
-    return 1;
-}
-
-/* One ramp for all axes, of their changes of velocity; upward or braking. Its cycles, 0 for none, -1:
- * it cannot be. */
-static int64_t plan_ramp(int32_t n, const sj_limits *limits, const double *from, const double *to,
-                         sj_plan *ramp)
-{
-    sj_limits one = {1.0, INFINITY, INFINITY, INFINITY, INFINITY};
-    int32_t any = 0;
-    for (int32_t i = 0; i < n; i++) {
-        double change = fabs(to[i] - from[i]);
-        int32_t up = fabs(to[i]) > fabs(from[i]);
-        if (change == 0.0)
-            continue;
-        one.acceleration = fmin(one.acceleration, (up ? limits[i].acceleration
-                                                      : limits[i].deceleration) / change);
-        one.jerk = fmin(one.jerk, (up ? limits[i].jerk : limits[i].deceleration_jerk) / change);
-        any = 1;
-    }
-    if (!any)
-        return 0;
-    one.deceleration = one.acceleration;
-    one.deceleration_jerk = one.jerk;
-    return sj_plan_velocity(0.0, 0.0, 1.0, &one, ramp) == SJ_PLAN_OK ? ramp->cycles : -1;
-}
-
-/* The ramp's phases for a change of velocity, before those of the plan or behind them. */
-static int32_t join(sj_plan *plan, const sj_plan *ramp, double change, int32_t before)
-{
-    int32_t at = before ? 0 : plan->count;
-    if (plan->count + ramp->count > SJ_PHASES)
-        return 0;
-    for (int32_t k = plan->count - 1; k >= at; k--)
-        plan->phase[k + ramp->count] = plan->phase[k];
-    for (int32_t k = 0; k < ramp->count; k++)
-        plan->phase[at + k] = (sj_phase){ramp->phase[k].cycles, ramp->phase[k].jerk * change};
-    plan->count += ramp->count;
-    plan->cycles += ramp->cycles;
-    return 1;
-}
-
-static double ramp_way(const sj_plan *ramp, double from, double to)
-{
-    double low, high;
-    return (double)ramp->cycles * from + (to - from) * sj_goal_way(ramp, 0.0, 0.0, &low, &high);
-}
-
-/* As sj_plan_axes. A steady start above the velocity limits runs down to them first; that is also a
- * plan where the planner would have to turn. */
-int32_t sj_passage_plan(int32_t n, const sj_request *request, const sj_limits *limits,
-                        int64_t least_cycles, int32_t *synchronization, sj_plan *plans)
-{
-    double from[SJ_AXES], to[SJ_AXES];
-    sj_request rest[SJ_AXES];
-    int32_t asked = *synchronization, steady = 1, done;
-    int64_t down;
-    sj_plan ramp;
-
-    for (int32_t i = 0; i < n; i++) {
-        steady &= request[i].a0 == 0.0;
-        from[i] = request[i].v0;
-        to[i] = fmax(-limits[i].velocity, fmin(limits[i].velocity, from[i]));
-    }
-    down = steady ? plan_ramp(n, limits, from, to, &ramp) : 0;
-    if (down <= 0)
-        return sj_plan_axes(n, request, limits, least_cycles, synchronization, plans);
-    for (int32_t i = 0; i < n; i++)
-        rest[i] = (sj_request){request[i].distance - ramp_way(&ramp, from[i], to[i]), to[i], 0.0,
-                               request[i].v1};
-    done = sj_plan_axes(n, rest, limits, least_cycles - down, synchronization, plans) == SJ_PLAN_OK;
-    for (int32_t i = 0; i < n && done; i++) {
-        plans[i].velocity = fmax(plans[i].velocity, fabs(from[i]));
-        done = join(&plans[i], &ramp, to[i] - from[i], 1) &&
-               is_direct(&plans[i], from[i], 0.0, request[i].distance, limits[i].velocity);
-    }
-    if (done)
-        return SJ_PLAN_OK;
-    *synchronization = asked;
-    return sj_plan_axes(n, request, limits, least_cycles, synchronization, plans);
-}
-
-int64_t sj_passage_before(sj_kernel *kernel, const passage *p, const double *velocity)
+int64_t sj_blend_before(sj_kernel *kernel, const sj_blend *b, const double *velocity)
 {
     double within[SJ_AXES];
     sj_request request[SJ_AXES];
-    int32_t synchronization = p->n > 1 ? SJ_SYNC_TIME : SJ_SYNC_NONE;
+    int32_t synchronization = b->n > 1 ? SJ_SYNC_TIME : SJ_SYNC_NONE;
     int64_t least = 0, run_up;
     sj_plan ramp;
 
-    for (int32_t i = 0; i < p->n; i++)
-        within[i] = fmax(-p->limits[i].velocity, fmin(p->limits[i].velocity, velocity[i]));
-    run_up = plan_ramp(p->n, p->limits, within, velocity, &ramp);
+    for (int32_t i = 0; i < b->n; i++)
+        within[i] = fmax(-b->limits[i].velocity, fmin(b->limits[i].velocity, velocity[i]));
+    run_up = sj_run_ramp(b->n, b->limits, within, velocity, &ramp);
     if (run_up < 0)
         return -1;
-    for (int32_t i = 0; i < p->n; i++) {
-        const sj_axis *ax = &kernel->axis[p->axes[i]];
-        double way = lemma_distance(&p->at[i], ax->goal.goal, velocity[i]);
+    for (int32_t i = 0; i < b->n; i++) {
+        const sj_axis *ax = &kernel->axis[b->axes[i]];
+        double distance = lemma_distance(&b->at[i], ax->goal.goal, velocity[i]);
         if (run_up > 0)
-            way -= ramp_way(&ramp, within[i], velocity[i]);
-        request[i] = (sj_request){way, p->at[i].V.hi, p->at[i].A.hi, within[i]};
-        if (ax->least_cycles > 0 && ax->interpolator.ahead - 1 - run_up > least)
-            least = ax->interpolator.ahead - 1 - run_up;
+            distance -= sj_run_distance(&ramp, within[i], velocity[i]);
+        request[i] = (sj_request){distance, b->at[i].V.hi, b->at[i].A.hi, within[i]};
+        if (ax->least_cycles > 0 && ax->interpolator.cycles_left - 1 - run_up > least)
+            least = ax->interpolator.cycles_left - 1 - run_up;
     }
-    if (sj_passage_plan(p->n, request, p->limits, least, &synchronization, kernel->plan) !=
+    if (sj_run_down(b->n, request, b->limits, least, &synchronization, kernel->plan) !=
         SJ_PLAN_OK)
         return -1;
-    for (int32_t i = 0; i < p->n; i++) {
-        const sj_axis *ax = &kernel->axis[p->axes[i]];
+    for (int32_t i = 0; i < b->n; i++) {
+        const sj_axis *ax = &kernel->axis[b->axes[i]];
         sj_axis_goal goal = ax->goal;
         sj_plan *plan = &kernel->plan[i];
         goal.goal_velocity = velocity[i];
         if (run_up > 0) {
-            if (!join(plan, &ramp, velocity[i] - within[i], 0))
+            if (!sj_run_join(plan, &ramp, velocity[i] - within[i], 0))
                 return -1;
             plan->velocity = fmax(plan->velocity, fabs(velocity[i]));
         }
         interpolator_copy(&kernel->trial[i], &ax->interpolator);
-        if (!is_direct(plan, p->at[i].V.hi, p->at[i].A.hi,
-                       lemma_distance(&p->at[i], goal.goal, velocity[i]), p->limits[i].velocity) ||
-            !sj_goal_inside(ax, &goal, &p->limits[i], plan) ||
+        if (!sj_run_forward(plan, b->at[i].V.hi, b->at[i].A.hi,
+                            lemma_distance(&b->at[i], goal.goal, velocity[i]), b->limits[i].velocity) ||
+            !sj_axis_inside(ax, &goal, &b->limits[i], plan) ||
             sj_interpolator_load(&kernel->trial[i], plan, goal.goal, velocity[i], 0) != SJ_LOAD_OK)
             return -1;
     }
     return kernel->plan[0].cycles;
 }
 
-int64_t sj_passage_next(sj_kernel *kernel, const passage *p, const sj_record *record,
-                        const double *velocity)
+int64_t sj_blend_next(sj_kernel *kernel, const sj_blend *b, const sj_record *record,
+                      const double *velocity)
 {
     sj_request request[SJ_AXES];
     int32_t synchronization = record->synchronization;
     int64_t longest = 0;
 
-    for (int32_t k = 0; k < p->m; k++) {
-        const sj_axis *ax = &kernel->axis[p->next[k]];
-        int32_t i = p->place[k];
-        double v = i < 0 ? 0.0 : velocity[i], v1 = p->goal[k].goal_velocity;
+    for (int32_t k = 0; k < b->m; k++) {
+        const sj_axis *ax = &kernel->axis[b->next[k]];
+        int32_t i = b->place[k];
+        double v = i < 0 ? 0.0 : velocity[i], v1 = b->goal[k].goal_velocity;
         double from = i < 0 ? ax->interpolator.q.hi : ax->goal.goal;
-        v1 = fmax(-p->next_limits[k].velocity, fmin(p->next_limits[k].velocity, v1));
-        request[k] = (sj_request){p->goal[k].goal - from - 0.5 * (v + v1), v, 0.0, v1};
+        v1 = fmax(-b->next_limits[k].velocity, fmin(b->next_limits[k].velocity, v1));
+        request[k] = (sj_request){b->goal[k].goal - from - 0.5 * (v + v1), v, 0.0, v1};
     }
-    if (sj_passage_plan(p->m, request, p->next_limits, record->least_cycles, &synchronization,
-                        kernel->plan) != SJ_PLAN_OK)
+    if (sj_run_down(b->m, request, b->next_limits, record->least_cycles, &synchronization,
+                    kernel->plan) != SJ_PLAN_OK)
         return -1;
-    for (int32_t k = 0; k < p->m; k++) {
-        if (!is_direct(&kernel->plan[k], request[k].v0, 0.0, request[k].distance,
-                       p->next_limits[k].velocity))
+    for (int32_t k = 0; k < b->m; k++) {
+        if (!sj_run_forward(&kernel->plan[k], request[k].v0, 0.0, request[k].distance,
+                            b->next_limits[k].velocity))
             return -1;
         if (kernel->plan[k].cycles > longest)
             longest = kernel->plan[k].cycles;
@@ -340,13 +267,13 @@ int64_t sj_passage_next(sj_kernel *kernel, const passage *p, const sj_record *re
     return longest;
 }
 
-void sj_passage_load(sj_kernel *kernel, const passage *p, const double *velocity)
+void sj_blend_load(sj_kernel *kernel, const sj_blend *b, const double *velocity)
 {
-    for (int32_t i = 0; i < p->n; i++) {
-        sj_axis *ax = &kernel->axis[p->axes[i]];
+    for (int32_t i = 0; i < b->n; i++) {
+        sj_axis *ax = &kernel->axis[b->axes[i]];
         interpolator_copy(&ax->interpolator, &kernel->trial[i]);
         ax->goal.goal_velocity = velocity[i];
-        ax->onward = velocity[i] != 0.0;
+        ax->blends = velocity[i] != 0.0;
         ax->line = 0.0;
     }
 }

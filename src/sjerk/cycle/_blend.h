@@ -1,5 +1,7 @@
-/* A passage, shared by _queue.c (when) and _passage.c (how fast, along which plans). */
+/* A blend of two moves, shared by _queue.c (when) and _blend.c (how fast, by which plans). */
 #pragma once
+#include <stdint.h>
+#include "cycle/_motion.h"
 
 /* A move under way and the next one, on the axes of both. */
 typedef struct {
@@ -9,16 +11,16 @@ typedef struct {
     continuous at[SJ_AXES];             /* where axes[i] is */
     sj_limits limits[SJ_AXES], next_limits[SJ_AXES];    /* under the override */
     sj_axis_goal goal[SJ_AXES];         /* of next[k] */
-    double velocity[SJ_AXES];           /* axes[i] is to pass its goal with */
-} passage;
+    double velocity[SJ_AXES];           /* of axes[i] at its goal */
+} sj_blend;
 
-/* Fills `velocity` as the buffer mode asks, as far as both ways allow; whether any axis passes. */
-int32_t sj_passage_choose(sj_kernel *kernel, int32_t mode, int32_t synchronization, passage *p);
+/* Fills `velocity` as the buffer mode asks, as far as both distances allow; whether any axis blends. */
+int32_t sj_blend_choose(sj_kernel *kernel, int32_t mode, int32_t synchronization, sj_blend *b);
 /* The axes of the move under way to their goals with these velocities, into kernel->trial. The cycles
- * it takes; -1: not without a way round, or not within the position limits. */
-int64_t sj_passage_before(sj_kernel *kernel, const passage *p, const double *velocity);
+ * it takes; -1: not without going back, or not within the position limits. */
+int64_t sj_blend_before(sj_kernel *kernel, const sj_blend *b, const double *velocity);
 /* The next move from these velocities to its own goals; its cycles, or -1. */
-int64_t sj_passage_next(sj_kernel *kernel, const passage *p, const sj_record *record,
-                        const double *velocity);
-/* Takes over what sj_passage_before planned. */
-void sj_passage_load(sj_kernel *kernel, const passage *p, const double *velocity);
+int64_t sj_blend_next(sj_kernel *kernel, const sj_blend *b, const sj_record *record,
+                      const double *velocity);
+/* Takes over what sj_blend_before planned. */
+void sj_blend_load(sj_kernel *kernel, const sj_blend *b, const double *velocity);

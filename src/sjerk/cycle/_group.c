@@ -4,16 +4,16 @@
  */
 #include <math.h>   /* fabs, fmin, INFINITY */
 #include <stdint.h>
-#include "_cycle.h"
-#include "base/_double_double.h" /* double-double sums */
-#include "base/_continuous.h" /* from samples to the continuous motion and back */
+#include "cycle/_group.h"
+#include "cycle/_motion.h"
+#include "base/_limits.h" /* straight lines */
 
 int32_t sj_group_of(const sj_kernel *kernel, int32_t axis, uint64_t *set, int32_t *axes)
 {
     const sj_axis *ax = &kernel->axis[axis];
     int32_t n = 0;
     axes[n++] = axis;
-    *set &= ~(UINT64_C(1) << axis);
+    *set &= ~axis_bit(axis);
     if (ax->goal.kind != SJ_GOAL_ABSOLUTE || ax->synchronization == SJ_SYNC_NONE)
         return n;
     for (int32_t i = 0; i < kernel->axes; i++) {
@@ -22,20 +22,9 @@ int32_t sj_group_of(const sj_kernel *kernel, int32_t axis, uint64_t *set, int32_
             !other->following || other->reached)
             continue;
         axes[n++] = i;
-        *set &= ~(UINT64_C(1) << i);
+        *set &= ~axis_bit(i);
     }
     return n;
-}
-
-/* Limits of the leading axis under which every axis of a straight line keeps its own. */
-static void narrow(sj_limits *limits, const sj_limits *other, double ratio)
-{
-    ratio = fabs(ratio);
-    limits->velocity = fmin(limits->velocity, other->velocity / ratio);
-    limits->acceleration = fmin(limits->acceleration, other->acceleration / ratio);
-    limits->jerk = fmin(limits->jerk, other->jerk / ratio);
-    limits->deceleration = fmin(limits->deceleration, other->deceleration / ratio);
-    limits->deceleration_jerk = fmin(limits->deceleration_jerk, other->deceleration_jerk / ratio);
 }
 
 static int32_t leader_of(const sj_kernel *kernel, const int32_t *axes, int32_t n)
@@ -50,8 +39,8 @@ static int32_t leader_of(const sj_kernel *kernel, const int32_t *axes, int32_t n
     return leader;
 }
 
-int32_t sj_group_line(sj_kernel *kernel, const int32_t *axes, int32_t n,
-                      const sj_limits *limits, int32_t stop)
+int32_t sj_group_line(sj_kernel *kernel, const int32_t *axes, int32_t n, const sj_limits *limits,
+                      int32_t stop)
 {
     int32_t leader = leader_of(kernel, axes, n), status;
     const sj_axis *ax = &kernel->axis[leader < 0 ? 0 : leader];
@@ -62,7 +51,7 @@ int32_t sj_group_line(sj_kernel *kernel, const int32_t *axes, int32_t n,
     if (leader < 0)
         return -1;
     for (int32_t i = 0; i < n; i++)
-        narrow(&own, &limits[i], kernel->axis[axes[i]].line / ax->line);
+        limits_narrow(&own, &limits[i], kernel->axis[axes[i]].line / ax->line);
     status = stop ? sj_plan_velocity(at.V.hi, at.A.hi, 0.0, &own, &plan)
                   : sj_plan_move(lemma_distance(&at, ax->goal.goal, 0.0), at.V.hi, at.A.hi, 0.0,
                                  &own, &plan);

@@ -1,30 +1,22 @@
 /* The path in play: records of the ring become its segments, its positions those of its axes.
  *
- * One path at a time, from rest at its first way-point. Pause, hold and speed act on its pace; a halt
- * is a stop on the path, a quick stop leaves it, a goal for one of its axes takes that axis away.
- * Never here: positions along the path (_track.c), its speed (_pace.c), drives, memory of its own.
+ * One path at a time, from rest at its first way-point. Pause, hold and speed act on its feed; a halt
+ * is a stop on the path, a quick stop leaves it, a goal for one of its axes takes that axis away, and
+ * the others come to rest on the path. It ends on its last way-point, at rest on the path, or left.
+ *
+ * Never here: positions along the path (_track.c), its feed (_pace.c), drives, memory of its own.
  */
 #include <math.h>   /* fabs, fmax, fmin */
 #include <stddef.h>
 #include <stdint.h>
-#include "_cycle.h"
-#include "base/_double_double.h" /* the interpolator's numbers */
+#include "base/_double_double.h"
+#include "cycle/_axis.h"
+#include "cycle/_events.h"
+#include "cycle/_motion.h"
+#include "cycle/_path.h"
 
 /* How far off a path may begin, as a part of what one cycle of jerk moves. */
 static const double START = 1e-3;
-
-static uint64_t bit(int32_t axis) { return UINT64_C(1) << axis; }
-
-static void become(sj_kernel *kernel, int32_t state)
-{
-    sj_path_feedback *out = &kernel->feedback.path;
-    if (out->state == state)
-        return;
-    out->state = state;
-    sj_kernel_event event = {kernel->feedback.cycle + 1, kernel->feedback.time_ns,
-                             kernel->path.goal_id, (double)out->number, SJ_EVENT_PATH, -1, state, 0};
-    sj_trace_event(kernel, &event);
-}
 
 /* ---- records --------------------------------------------------------------------------------- */
 
@@ -35,7 +27,8 @@ static int32_t judge(const sj_kernel *kernel, const sj_record *record, int32_t a
         return ax->following || ax->error || ax->homing ? SJ_RESULT_STATE : SJ_RESULT_NOT_FOLLOWING;
     if (!ax->following || !ax->enable)
         return SJ_RESULT_NOT_FOLLOWING;
-    if (!(fabs(record->axis[axis].position - ax->interpolator.q.hi) <= START * ax->config.limits.jerk))
+    if (!(fabs(record->axis[axis].position - ax->interpolator.q.hi) <=
+          START * ax->config.limits.jerk))
         return SJ_RESULT_START;
     return SJ_RESULT_ACCEPTED;
 }
@@ -51,67 +44,68 @@ static sj_track_limits limits_of(const sj_axis *ax)
 }
 
 /* A path opens: its axes are at rest on its first way-point. */
-static int32_t open(sj_kernel *kernel, sj_held *held)
+static int32_t open(sj_kernel *kernel, sj_waiting *waiting)
 {
     sj_path *path = &kernel->path;
     double position[SJ_AXES];
     sj_track_limits limits[SJ_AXES];
 
     for (int32_t i = 0; i < kernel->axes; i++)
-        if (held->axes & bit(i)) {
+        if (waiting->axes & axis_bit(i)) {
             const sj_axis *ax = &kernel->axis[i];
-            if (ax->following && (axis_moving(ax) || ax->parked))
+            if (ax->following && (axis_moving(ax) || ax->held))
                 return OFFER_WAIT;
         }
-    if (path->led != 0)
+    if (path->axes != 0)
         return OFFER_WAIT;
-    if (path->newest < held->record.goal_id)
-        path->newest = held->record.goal_id;
+    if (path->newest < waiting->record.goal_id)
+        path->newest = waiting->record.goal_id;
     for (int32_t i = 0; i < kernel->axes; i++)
-        if (held->axes & bit(i)) {
-            int32_t result = judge(kernel, &held->record, i);
+        if (waiting->axes & axis_bit(i)) {
+            int32_t result = judge(kernel, &waiting->record, i);
             if (result != SJ_RESULT_ACCEPTED) {
-                held->refused = i;
+                waiting->refused = i;
                 return -result;
             }
         }
-    path->goal_id = path->root = held->record.goal_id;
-    path->led = held->axes;
+    path->goal_id = path->root = waiting->record.goal_id;
+    path->axes = waiting->axes;
     path->cancelled = path->count = 0;
     for (int32_t i = 0; i < kernel->axes; i++) {
         sj_axis *ax = &kernel->axis[i];
         sj_axis_feedback *out = &kernel->feedback.axis[i];
-        if ((held->axes & bit(i)) == 0)
+        if ((waiting->axes & axis_bit(i)) == 0)
             continue;
-        position[path->count] = held->record.axis[i].position;
+        position[path->count] = waiting->record.axis[i].position;
         limits[path->count] = limits_of(ax);
         path->axis[path->count++] = i;
         ax->goal_id = path->goal_id;
         ax->goal.kind = SJ_GOAL_NONE;
-        ax->parked = 1; /* on its way, moving or not */
+        ax->held = 1;
         ax->reached = 0;
         out->peak_velocity = out->peak_acceleration = out->peak_jerk = 0.0;
-        sj_cycle_trigger(kernel, i, SJ_TRIGGER_SYNCHRONIZE);
+        sj_events_trigger(kernel, i, SJ_TRIGGER_SYNCHRONIZE);
     }
     sj_track_begin(&path->player.track, path->count, position, limits);
     sj_player_begin(&path->player);
-    kernel->feedback.path = (sj_path_feedback){path->goal_id, path->led, 1, 0, 0.0, 0.0,
+    kernel->feedback.path = (sj_path_feedback){path->goal_id, path->axes, 1, 0, 0.0, 0.0,
                                                SJ_PATH_NONE, SJ_RESULT_ACCEPTED};
     return OFFER_TAKEN;
 }
 
 /* Another path takes over from a place that this one has not come to. */
-static int32_t splice(sj_kernel *kernel, const sj_held *held)
+static int32_t splice(sj_kernel *kernel, const sj_waiting *waiting)
 {
     sj_path *path = &kernel->path;
     uint64_t axes = kernel->feedback.path.axes;
-    if (path->newest < held->record.goal_id)
-        path->newest = held->record.goal_id;
-    if (path->led != axes || path->cancelled || held->axes != axes ||
-        held->record.number > SJ_CYCLES_MAX ||
-        sj_player_cut(&path->player, (int64_t)held->record.number, held->record.cycles[0]) != 0)
+    if (path->newest < waiting->record.goal_id)
+        path->newest = waiting->record.goal_id;
+    if (path->axes != axes || path->cancelled || waiting->axes != axes ||
+        waiting->record.number > SJ_CYCLES_MAX ||
+        sj_player_cut(&path->player, (int64_t)waiting->record.number,
+                      waiting->record.cycles[0]) != 0)
         return -SJ_RESULT_BEGUN;
-    path->goal_id = held->record.goal_id;
+    path->goal_id = waiting->record.goal_id;
     for (int32_t k = 0; k < path->count; k++)
         kernel->axis[path->axis[k]].goal_id = path->goal_id;
     kernel->feedback.path.goal_id = path->goal_id;
@@ -130,7 +124,7 @@ static int32_t add(sj_kernel *kernel, const sj_record *record)
 
     if (record->goal_id > path->newest)
         return -SJ_RESULT_KIND;
-    if (record->goal_id != path->goal_id || path->led == 0 || path->cancelled)
+    if (record->goal_id != path->goal_id || path->axes == 0 || path->cancelled)
         return OFFER_TAKEN; /* of a path that is over */
     for (int32_t k = 0; k < path->count; k++) {
         const sj_axis_record *in = &record->axis[path->axis[k]];
@@ -150,11 +144,11 @@ static int32_t add(sj_kernel *kernel, const sj_record *record)
     return -result_of[status];
 }
 
-int32_t sj_path_offer(sj_kernel *kernel, sj_held *held)
+int32_t sj_path_offer(sj_kernel *kernel, sj_waiting *waiting)
 {
-    if (held->record.kind == SJ_RECORD_SEGMENT)
-        return add(kernel, &held->record);
-    return held->record.number == 0 ? open(kernel, held) : splice(kernel, held);
+    if (waiting->record.kind == SJ_RECORD_SEGMENT)
+        return add(kernel, &waiting->record);
+    return waiting->record.number == 0 ? open(kernel, waiting) : splice(kernel, waiting);
 }
 
 /* ---- stops, and who takes over --------------------------------------------------------------- */
@@ -162,7 +156,7 @@ int32_t sj_path_offer(sj_kernel *kernel, sj_held *held)
 void sj_path_hand_over(sj_kernel *kernel, int32_t axis)
 {
     const sj_path *path = &kernel->path;
-    if ((path->led & bit(axis)) == 0)
+    if ((path->axes & axis_bit(axis)) == 0)
         return;
     for (int32_t k = 0; k < path->count; k++)
         if (path->axis[k] == axis) {
@@ -176,67 +170,66 @@ void sj_path_hand_over(sj_kernel *kernel, int32_t axis)
             /* whatever became of the axis' own since the path began */
             ax->ceiling = (sj_limits){kept->velocity, kept->acceleration, kept->jerk,
                                       kept->acceleration, kept->jerk};
-            sj_goal_ceiling(ax);
+            sj_axis_ceiling(ax);
         }
 }
 
 void sj_path_release(sj_kernel *kernel, uint64_t axes)
 {
     sj_path *path = &kernel->path;
-    if ((path->led & axes) == 0)
+    if ((path->axes & axes) == 0)
         return;
-    path->led &= ~axes;
+    path->axes &= ~axes;
     path->cancelled = 1;
-    if (path->led == 0)
-        become(kernel, SJ_PATH_LEFT);
+    if (path->axes == 0)
+        sj_events_path(kernel, SJ_PATH_LEFT);
 }
 
 uint64_t sj_path_halt(sj_kernel *kernel, uint64_t axes)
 {
     sj_path *path = &kernel->path;
-    uint64_t led = path->led;
-    if ((axes & led) == 0)
+    uint64_t driven = path->axes;
+    if ((axes & driven) == 0)
         return 0;
     path->cancelled = 1;
-    sj_ahead_stop(kernel, led);
     for (int32_t k = 0; k < path->count; k++)
-        if (led & bit(path->axis[k]))
-            sj_cycle_trigger(kernel, path->axis[k], SJ_TRIGGER_HALT);
-    return led;
+        if (driven & axis_bit(path->axis[k]))
+            sj_events_trigger(kernel, path->axis[k], SJ_TRIGGER_HALT);
+    return driven;
 }
 
-/* All axes by themselves again, each as it goes on from the path. */
+/* All its axes go on by themselves, each from its state on the path. */
 static uint64_t let_go(sj_kernel *kernel)
 {
-    uint64_t led = kernel->path.led;
+    uint64_t driven = kernel->path.axes;
     for (int32_t i = 0; i < kernel->axes; i++)
-        if (led & bit(i)) {
+        if (driven & axis_bit(i)) {
             sj_path_hand_over(kernel, i);
-            kernel->axis[i].parked = 0;
+            kernel->axis[i].held = 0;
         }
-    sj_path_release(kernel, led);
-    return led;
+    sj_path_release(kernel, driven);
+    return driven;
 }
 
-void sj_path_leave(sj_kernel *kernel, uint64_t axes)
+uint64_t sj_path_leave(sj_kernel *kernel, uint64_t axes)
 {
-    if (axes & kernel->path.led)
-        sj_stop_halt(kernel, let_go(kernel) & ~axes);
+    return axes & kernel->path.axes ? let_go(kernel) & ~axes : 0;
 }
 
 /* ---- one cycle ------------------------------------------------------------------------------- */
 
-static double wish_of(const sj_kernel *kernel)
+/* 0 .. 2; 1 is the path as it was planned. */
+static double commanded_feed(const sj_kernel *kernel)
 {
     const sj_path_command *command = &kernel->command.path;
-    double wish = kernel->override;
+    double feed = kernel->override;
     if (kernel->path.cancelled || kernel->hold)
         return 0.0;
     if (command->goal_id != kernel->path.root)
-        return wish;
+        return feed;
     if (command->pause || !(command->speed >= 0.0))
         return 0.0;
-    return fmin(wish * command->speed, 2.0);
+    return fmin(feed * command->speed, 2.0);
 }
 
 static void end(sj_kernel *kernel, int32_t state)
@@ -244,24 +237,24 @@ static void end(sj_kernel *kernel, int32_t state)
     sj_path *path = &kernel->path;
     for (int32_t k = 0; k < path->count; k++) {
         sj_axis *ax = &kernel->axis[path->axis[k]];
-        if ((path->led & bit(path->axis[k])) == 0)
+        if ((path->axes & axis_bit(path->axis[k])) == 0)
             continue;
         sj_interpolator_start(&ax->interpolator,
                               &(sj_state){path->player.run.past[0][k], 0.0, 0.0});
-        ax->parked = 0;
+        ax->held = 0;
         ax->reached = state == SJ_PATH_DONE && !path->cancelled;
     }
-    path->led = 0;
-    become(kernel, state);
+    path->axes = 0;
+    sj_events_path(kernel, state);
 }
 
-static void lead(sj_kernel *kernel)
+static void put_samples(sj_kernel *kernel)
 {
     sj_path *path = &kernel->path;
     const sj_player *player = &path->player;
     for (int32_t k = 0; k < path->count; k++) {
         sj_interpolator *ip = &kernel->axis[path->axis[k]].interpolator;
-        if ((path->led & bit(path->axis[k])) == 0)
+        if ((path->axes & axis_bit(path->axis[k])) == 0)
             continue;
         sj_interpolator_start(ip, &(sj_state){player->run.past[0][k], player->velocity[k],
                                               player->acceleration[k]});
@@ -269,7 +262,7 @@ static void lead(sj_kernel *kernel)
     }
 }
 
-static void report(sj_kernel *kernel)
+static void report_place(sj_kernel *kernel)
 {
     const sj_player *player = &kernel->path.player;
     const sj_track *track = &player->track;
@@ -286,36 +279,40 @@ static void report(sj_kernel *kernel)
     out->cycle = (double)(at - in->begin) + rest;
 }
 
-void sj_path_step(sj_kernel *kernel)
+uint64_t sj_path_watch(sj_kernel *kernel)
+{
+    const sj_path *path = &kernel->path;
+    const sj_path_command *command = &kernel->command.path;
+    for (int32_t k = 0; k < path->count && path->axes != 0; k++)
+        if (!kernel->axis[path->axis[k]].following)
+            sj_path_release(kernel, axis_bit(path->axis[k]));
+    return command->goal_id == path->root && command->cancel && !path->cancelled ? path->axes : 0;
+}
+
+uint64_t sj_path_step(sj_kernel *kernel)
 {
     sj_path *path = &kernel->path;
     sj_player *player = &path->player;
     int32_t status;
 
-    for (int32_t k = 0; k < path->count && path->led != 0; k++)
-        if (!kernel->axis[path->axis[k]].following)
-            sj_path_release(kernel, bit(path->axis[k]));
-    if (path->led == 0)
-        return;
-    if (kernel->command.path.goal_id == path->root && kernel->command.path.cancel &&
-        !path->cancelled)
-        sj_path_halt(kernel, path->led);
-    player->wish = wish_of(kernel);
+    if (path->axes == 0)
+        return 0;
+    player->wish = commanded_feed(kernel);
     status = sj_player_step(player);
-    report(kernel);
-    if (status == SJ_PACE_LOST) {
-        sj_stop_halt(kernel, let_go(kernel));
-        return;
-    }
-    lead(kernel);
+    report_place(kernel);
+    if (status == SJ_PACE_LOST)
+        return let_go(kernel);
+    put_samples(kernel);
     if (status == SJ_PACE_DONE)
         end(kernel, SJ_PATH_DONE);
     else if (path->cancelled && status == SJ_PACE_RESTS && player->rests >= 3)
         end(kernel, SJ_PATH_STOPPED);
     else if (path->cancelled)
-        become(kernel, SJ_PATH_STOPS);
+        sj_events_path(kernel, SJ_PATH_STOPS);
     else if (status == SJ_PACE_STARVES && player->begun)
-        become(kernel, SJ_PATH_STARVES);
+        sj_events_path(kernel, SJ_PATH_STARVES);
     else if (player->begun || status == SJ_PACE_RESTS)
-        become(kernel, status == SJ_PACE_RESTS && player->wish == 0.0 ? SJ_PATH_PAUSED : SJ_PATH_RUNS);
+        sj_events_path(kernel, status == SJ_PACE_RESTS && player->wish == 0.0 ? SJ_PATH_PAUSED
+                                                                              : SJ_PATH_RUNS);
+    return 0;
 }

@@ -36,13 +36,13 @@ enum sj_event_kind {
     SJ_EVENT_GOAL = 0,                  /* code: enum sj_result of goal_id */
     SJ_EVENT_STATE = 1,                 /* code: new state of the axis, value: the one before */
     SJ_EVENT_HOST = 2,                  /* code: enum sj_shm_host_state */
-    SJ_EVENT_SPOILT = 3,                /* a command or record that a wild writer had spoilt */
+    SJ_EVENT_CORRUPT = 3,               /* a command or record that a wild writer made corrupt */
     SJ_EVENT_FAULT = 4,                 /* code: 603Fh of the axis' drive */
     SJ_EVENT_FOLLOWING = 5,             /* value: the following error, axis unit */
     SJ_EVENT_LATE = 6,                  /* value: cycles of the clock that were skipped */
     SJ_EVENT_ANCHOR = 7,                /* the drive left; the command is the actual position */
     SJ_EVENT_LIMITS = 8,                /* code: enum sj_result of new limits */
-    SJ_EVENT_PATH = 9,                  /* code: new enum sj_path_state, value: way-point ahead */
+    SJ_EVENT_PATH = 9,                  /* code: new enum sj_path_state, value: next way-point */
     SJ_EVENT_REACHED = 10,              /* all axes are on the goal of goal_id, in this frame */
     SJ_EVENT_SYNC = 11,                 /* the axis lost its master; code: 603Fh, 0: its image is stale */
     SJ_EVENTS = 12
@@ -54,7 +54,7 @@ enum sj_cause {                         /* what a kernel can react to */
     SJ_CAUSE_DRIVE_FAULT = 2,           /* the other axes; the faulted one is its drive's */
     SJ_CAUSE_FOLLOWING_ERROR = 3,
     SJ_CAUSE_OVERRUN = 4,
-    SJ_CAUSE_SPOILT = 5,
+    SJ_CAUSE_CORRUPT = 5,
     SJ_CAUSE_SYNC_LOST = 6,             /* the other axes, as after a fault */
     SJ_CAUSES = 7
 };
@@ -172,7 +172,7 @@ enum sj_path_state {
     SJ_PATH_NONE = 0,                   /* there was none yet */
     SJ_PATH_RUNS = 1,
     SJ_PATH_PAUSED = 2,                 /* at rest on it: pause, hold, speed 0 */
-    SJ_PATH_STARVES = 3,                /* stops or rests on it for want of segments */
+    SJ_PATH_STARVES = 3,                /* stops, or is at rest, on it for want of segments */
     SJ_PATH_STOPS = 4,                  /* on it, to be forgotten */
     SJ_PATH_DONE = 5,                   /* on its last way-point */
     SJ_PATH_STOPPED = 6,                /* at rest on it, and forgotten */
@@ -182,7 +182,7 @@ enum sj_path_state {
 /* The path in play, or the last one. */
 typedef struct {
     uint64_t goal_id, axes;             /* bit n: axis n */
-    int64_t number;                     /* of the way-point ahead */
+    int64_t number;                     /* of the next way-point */
     int64_t known;                      /* of the last one taken */
     double cycle;                       /* passed since the way-point before, path cycles */
     double speed;                       /* 1 = as planned */
@@ -230,13 +230,19 @@ typedef struct {
     uint64_t sequence;                  /* newest command taken */
     uint64_t result_goal_id;            /* goal that `result` is about */
     uint64_t late;                      /* cycles of the clock that were skipped */
-    uint64_t corrupt;                   /* commands that a wild writer had spoilt */
+    uint64_t corrupt;                   /* commands that a wild writer made corrupt */
     uint64_t kernel_epoch;              /* which kernel this frame is of */
     double cycle_time_s, override;
     int32_t result, result_axis;        /* enum sj_result; axis that refused, or -1 */
-    uint64_t paced;                     /* bit n: axis n is on the way of its move at another pace */
+    uint64_t feed_hold;                 /* bit n: axis n is on its planned path, at another feed */
     int32_t axes, ending, hold;
-    int32_t ring_spoilt;                /* 1: no record is taken until the host flushes the ring */
+    int32_t ring_corrupt;               /* 1: no record is taken until the host flushes the ring */
     sj_path_feedback path;
     sj_axis_feedback axis[64];
 } sj_feedback;
+
+/* Of so many axes. */
+uint64_t sj_command_bytes(int32_t axes);
+uint64_t sj_record_bytes(int32_t axes);
+uint64_t sj_feedback_bytes(int32_t axes);
+uint64_t sj_feedback_times(void);       /* bytes before `cycle` */

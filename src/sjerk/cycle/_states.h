@@ -14,7 +14,7 @@ enum {                                  /* PLCopen, motion control part 1: the s
     SJ_AXIS_STATES = 8
 };
 
-enum {                                  /* what leads from one to the next */
+enum {                                  /* what changes one into the next */
     SJ_TRIGGER_POWER_ON = 0,            /* the drive follows */
     SJ_TRIGGER_POWER_OFF = 1,
     SJ_TRIGGER_FAULT = 2,

@@ -17,11 +17,11 @@ enum sj_trace_flag {
     SJ_TRACE_MOVING = 1,
     SJ_TRACE_SETTLED = 2,
     SJ_TRACE_FOLLOWS = 4,
-    SJ_TRACE_PARKED = 8,
+    SJ_TRACE_HELD = 8,                  /* not at its end though it may rest */
     SJ_TRACE_DRIVE_STOP = 16,
-    SJ_TRACE_LED = 32,                  /* by a path */
+    SJ_TRACE_PATH = 32,                 /* driven by a path */
     SJ_TRACE_STALE = 64,
-    SJ_TRACE_PACED = 128                /* on the way of its move, at another pace */
+    SJ_TRACE_FEED_HOLD = 128            /* on its planned path, at another feed */
 };
 
 typedef struct {
@@ -83,3 +83,9 @@ typedef struct {
     const sj_trace_frame *frame;        /* as recorded, or NULL: no replay */
     sj_trace_rows commands, records;    /* to come */
 } sj_trace_given;
+
+uint64_t sj_trace_frame_bytes(int32_t axes);
+uint64_t sj_trace_item_bytes(int32_t axes);             /* of one event of the trace's segment */
+/* Items after *cursor, at most `room`, back to back; how many. Any process, at any time. */
+int64_t  sj_trace_drain(const void *segment, uint64_t *cursor, uint64_t *missed, int64_t room,
+                        void *items);

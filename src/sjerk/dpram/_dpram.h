@@ -62,22 +62,15 @@ uint64_t sj_shm_begin_host(void *base, uint64_t pid, uint64_t now_ns); /* the ne
 void sj_shm_leave_host(void *base);     /* an orderly end, so that it is not taken for a death */
 void sj_shm_leave_kernel(void *base);
 int32_t sj_shm_kernel_left(const void *base);        /* 1: the last kernel ended in order */
-uint64_t sj_shm_host_left(const void *base);         /* the last host epoch that ended in order */
 uint64_t sj_shm_kernel_epoch(const void *base);
 uint64_t sj_shm_host_epoch(const void *base);
 uint64_t sj_shm_host_pid(const void *base);
 uint64_t sj_shm_address(void *base);    /* host: from now on speak to the present kernel; its epoch */
-uint64_t sj_shm_addressed(const void *base);
 void sj_shm_watch_host(void *base, uint64_t timeout_ns, uint64_t now_ns); /* host: watch me; 0: do not */
 void sj_shm_beat_host(void *base, uint64_t now_ns);
-void sj_shm_beat_kernel(void *base, uint64_t now_ns);
 uint64_t sj_shm_host_beat(const void *base);
-uint64_t sj_shm_kernel_beat(const void *base);
 void sj_shm_note_host(void *base, uint64_t host_epoch, int32_t lock_held); /* kernel side, outside the cycle */
 int32_t sj_shm_host_state(const void *base, uint64_t now_ns);  /* in the cycle: enum sj_shm_host_state */
-
-/* Kernel side, just before a cycle: what its exchanges touch, into the caches. */
-void sj_shm_warm(const void *base);
 
 /* Command: host to kernel, latest value. Publish: 0 or < 0. Collect: 1 fresh, 0 none, < 0 corrupt
  * (what `command` points to is then undefined). Neither waits; collect is wait-free. */
@@ -106,3 +99,11 @@ uint32_t sj_ring_waiting(const void *base);          /* records the kernel can s
 void sj_event_publish(void *base, const void *event);
 int32_t sj_event_read(const void *base, uint64_t *cursor, void *event, uint64_t *missed);
 uint64_t sj_event_latest(const void *base);
+
+/* For C only. */
+
+uint64_t sj_shm_host_left(const void *base);         /* the last host epoch that ended in order */
+uint64_t sj_shm_addressed(const void *base);
+void sj_shm_beat_kernel(void *base, uint64_t now_ns);
+/* Kernel side, just before a cycle: what its exchanges touch, into the caches. */
+void sj_shm_warm(const void *base);

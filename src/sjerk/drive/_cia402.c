@@ -2,9 +2,8 @@
  * IEC 61800-7-201. Pure: a state and what it decides upon in, a state out.
  * Never here: motions, positions, clocks, the motor.
  */
-#include <stddef.h> /* required by the contract */
-#include <stdint.h> /* the contract's integer types */
-#include "_internal.h" /* what the rooms of the drive share */
+#include <stdint.h> /* fixed widths */
+#include "drive/_internal.h" /* what the files of the drive share */
 
 /* ---- faults by name ---- */
 
@@ -42,14 +41,6 @@ uint16_t sj_drive_fault_code(int32_t fault)
 const sj_drive_fault_row *sj_drive_fault(int32_t fault)
 {
     return &FAULTS[fault];
-}
-
-void sj_drive_inject(sj_drive *drive, int32_t fault, int32_t present)
-{
-    if (fault > SJ_FAULT_NONE && fault < SJ_FAULTS) {
-        const uint32_t bit = (uint32_t)1 << fault;
-        drive->causes = present ? drive->causes | bit : drive->causes & ~bit;
-    }
 }
 
 /* ---- the state machine ---- */

@@ -1,11 +1,11 @@
-/* The config of a drive: defaults, the range of every field, what must fit together.
+/* The config of a drive: the range of every field, and what must fit together.
  *
  * The table is the only place that knows the ranges; Python asks it. Its order is the order of the
  * struct. Never here: what a field does.
  */
-#include <stdint.h> /* the contract's integer types */
+#include <stdint.h> /* fixed widths */
 #include <stddef.h> /* offsetof */
-#include "_internal.h" /* what the rooms of the drive share */
+#include "drive/_internal.h" /* what the files of the drive share */
 
 typedef enum { REAL, UNSIGNED, SIGNED } kind;
 
@@ -108,84 +108,6 @@ static int32_t number_of(size_t offset)
         }
     }
     return 0;
-}
-
-void sj_drive_config_default(sj_drive_config *config)
-{
-    *config = (sj_drive_config){
-        .period_s = 1e-3,
-        .inner_rate_hz = 8000.0,
-        .position_gain_per_s = 40.0,
-        .velocity_bandwidth_hz = 40.0,
-        .velocity_integral_s = 0.02,
-        .velocity_feedforward = 1.0,
-        .acceleration_feedforward = 1.0,
-        .torque_time_s = 4e-4,
-        .velocity_filter_s = 2e-4,
-        .rated_torque_nm = 1.27,
-        .peak_torque_nm = 4.46,
-        .rated_current_a = 2.5,
-        .max_speed_rpm = 6000.0,
-        .inertia_kg_m2 = 0.486e-4,
-        .load_inertia_ratio = 1.0,
-        .friction_nm = 0.04,
-        .friction_speed_rad_s = 0.5,
-        .viscous_nm_s = 2e-5,
-        .load_torque_nm = 0.0,
-        .brake_torque_nm = 0.0,
-        .stop_timeout_s = 0.25,
-        .jump_factor = 1.1,
-        .stream_acceleration_rev_s2 = 0.0,
-        .stream_jerk_rev_s3 = 0.0,
-        .profile_jerk_rev_s3 = 10000.0,
-        .switch_negative_rev = -1e9,
-        .switch_positive_rev = 1e9,
-        .switch_home_rev = 1e9,
-        .encoder_increments = 16777216,
-        .encoder_revolutions = 1,
-        .gear_motor = 1,
-        .gear_shaft = 1,
-        .feed = 16777216,
-        .feed_shaft = 1,
-        .range_min = INT32_MIN,
-        .range_max = INT32_MAX,
-        .software_min = 0,
-        .software_max = 0,
-        .polarity = 0,
-        .following_window = 16777216,
-        .following_time_ms = 0,
-        .position_window = 10,
-        .position_time_ms = 0,
-        .velocity_window = 65535,
-        .velocity_time_ms = 0,
-        .velocity_threshold = 65535,
-        .threshold_time_ms = 0,
-        .max_profile_velocity = 1677721600,
-        .profile_velocity = 167772160,
-        .profile_acceleration = 1677721600,
-        .profile_deceleration = 1677721600,
-        .quick_stop_deceleration = 4194304000,
-        .max_acceleration = UINT32_MAX,
-        .max_deceleration = UINT32_MAX,
-        .max_torque = 3500,
-        .torque_limit_positive = 3500,
-        .torque_limit_negative = 3500,
-        .quick_stop_option = 2,
-        .shutdown_option = 0,
-        .disable_option = 1,
-        .halt_option = 1,
-        .fault_option = 2,
-        .abort_option = 1,
-        .jump_option = SJ_JUMP_FAULT,
-        .positioning_option = 0,
-        .sync_extrapolation = 3,
-        .sync_error_limit = 12,
-        .home_offset = 0,
-        .homing_method = 37,
-        .homing_speed_switch = 16777216,
-        .homing_speed_zero = 1677721,
-        .homing_acceleration = 167772160,
-    };
 }
 
 const char *sj_drive_config_field(int32_t number, double *low, double *high)

@@ -4,13 +4,12 @@
  * position at home becomes 607Ch; the axis then stops where its ramp ends and does not return.
  * Never here: the other modes, states.
  */
-#include <stdint.h> /* the contract's integer types */
-#include <stddef.h> /* required by the contract */
-#include "_internal.h" /* what the rooms of the drive share */
+#include <stdint.h> /* fixed widths */
+#include "drive/_internal.h" /* what the files of the drive share */
 
 static double in_increments(const sj_drive *drive, uint32_t units)
 {
-    return (double)units * (double)drive->ratio_increments / (double)drive->ratio_units;
+    return (double)units * (double)drive->scale.increments / (double)drive->scale.units;
 }
 
 static int64_t per_revolution(const sj_drive *drive)
@@ -27,40 +26,45 @@ static int64_t turn(const sj_drive *drive)
     return position / size - (position % size < 0);
 }
 
+static int searching(const sj_drive *drive)
+{
+    return drive->homing.phase == SJ_HOMING_SEARCH || drive->homing.phase == SJ_HOMING_BACK;
+}
+
 static void found(sj_drive *drive, int64_t home)
 {
     sj_point_set_home(drive, home);
-    drive->homed = 1;
-    drive->homing = SJ_HOMING_STOPPING;
+    drive->homing.homed = 1;
+    drive->homing.phase = SJ_HOMING_STOPPING;
 }
 
 static void failed(sj_drive *drive)
 {
-    drive->homing_error = 1;
-    drive->homing = SJ_HOMING_STOPPING;
+    drive->homing.error = 1;
+    drive->homing.phase = SJ_HOMING_STOPPING;
 }
 
 static void start(sj_drive *drive, uint32_t inputs)
 {
     const sj_drive_config *config = &drive->config;
 
-    drive->homed = 0;
-    drive->homing_error = 0;
-    drive->homing_turn = turn(drive);
-    drive->homing = SJ_HOMING_SEARCH;
+    drive->homing.homed = 0;
+    drive->homing.error = 0;
+    drive->homing.turn = turn(drive);
+    drive->homing.phase = SJ_HOMING_SEARCH;
     switch (config->homing_method) {
     case 17:
         if (config->switch_negative_rev <= -1e9) {
             failed(drive);
         } else if (inputs & 1u) {
-            drive->homing = SJ_HOMING_BACK;
+            drive->homing.phase = SJ_HOMING_BACK;
         }
         return;
     case 18:
         if (config->switch_positive_rev >= 1e9) {
             failed(drive);
         } else if (inputs & 2u) {
-            drive->homing = SJ_HOMING_BACK;
+            drive->homing.phase = SJ_HOMING_BACK;
         }
         return;
     default:
@@ -76,21 +80,21 @@ static double search(sj_drive *drive, uint32_t inputs)
     const double fast = in_increments(drive, config->homing_speed_switch) * period;
     const double slow = in_increments(drive, config->homing_speed_zero) * period;
     const int32_t method = config->homing_method;
-    const double way = method == 17 || method == 33 ? -1.0 : 1.0;
-    const uint32_t ahead = way < 0.0 ? 1u : 2u;
+    const double direction = method == 17 || method == 33 ? -1.0 : 1.0;
+    const uint32_t ahead = direction < 0.0 ? 1u : 2u;
 
     switch (method) {
     case 17:
     case 18:
         /* onto the limit switch, and back until it opens: that edge is home */
-        if (drive->homing == SJ_HOMING_SEARCH) {
+        if (drive->homing.phase == SJ_HOMING_SEARCH) {
             if (!(inputs & ahead)) {
-                return way * fast;
+                return direction * fast;
             }
-            drive->homing = SJ_HOMING_BACK;
+            drive->homing.phase = SJ_HOMING_BACK;
         }
         if (inputs & ahead) {
-            return -way * slow;
+            return -direction * slow;
         }
         found(drive, drive->actual.increments);
         return 0.0;
@@ -100,15 +104,15 @@ static double search(sj_drive *drive, uint32_t inputs)
             failed(drive);
             return 0.0;
         }
-        if (turn(drive) == drive->homing_turn) {
-            return way * slow;
+        if (turn(drive) == drive->homing.turn) {
+            return direction * slow;
         }
         /* the pulse lies where the count of turns changed */
-        found(drive, (way > 0.0 ? turn(drive) : drive->homing_turn) * per_revolution(drive));
+        found(drive, (direction > 0.0 ? turn(drive) : drive->homing.turn) * per_revolution(drive));
         return 0.0;
     case 0:
-        drive->homed = 1;
-        drive->homing = SJ_HOMING_STOPPING;
+        drive->homing.homed = 1;
+        drive->homing.phase = SJ_HOMING_STOPPING;
         return 0.0;
     default:
         found(drive, drive->actual.increments);
@@ -121,31 +125,31 @@ void sj_homing_period(sj_drive *drive, sj_servo_command *command)
     const double period = drive->config.period_s;
     const double ramp = in_increments(drive, drive->config.homing_acceleration) * period * period;
     const uint16_t word = drive->controlword;
-    const uint32_t inputs = sj_drive_digital_inputs(drive);
+    const uint32_t inputs = sj_motion_inputs(drive);
     double velocity = 0.0;
 
     command->velocity_offset_rad_s = 0.0;
     if (word & ~drive->controlword_before & SJ_CW_MODE_4) {
         start(drive, inputs); /* shown for a period before anything is found */
     } else if (!(word & SJ_CW_MODE_4)) {
-        if (drive->homing == SJ_HOMING_SEARCH || drive->homing == SJ_HOMING_BACK) {
-            drive->homing = SJ_HOMING_STOPPING;
+        if (searching(drive)) {
+            drive->homing.phase = SJ_HOMING_STOPPING;
         }
-    } else if (drive->homing == SJ_HOMING_SEARCH || drive->homing == SJ_HOMING_BACK) {
+    } else if (searching(drive)) {
         velocity = search(drive, inputs);
     }
     sj_motion_ramp_to(drive, command, velocity, ramp > 1e-9 ? ramp : 1e-9);
-    if (drive->homing == SJ_HOMING_STOPPING && velocity == 0.0 && drive->demand_velocity == 0.0) {
-        drive->homing = SJ_HOMING_IDLE;
+    if (drive->homing.phase == SJ_HOMING_STOPPING && velocity == 0.0 &&
+        drive->demand.velocity == 0.0) {
+        drive->homing.phase = SJ_HOMING_IDLE;
     }
 }
 
 uint16_t sj_homing_bits(const sj_drive *drive)
 {
-    const int searching = drive->homing == SJ_HOMING_SEARCH || drive->homing == SJ_HOMING_BACK;
-    const int standing = drive->homing == SJ_HOMING_IDLE && drive->standing;
+    const int standing = drive->homing.phase == SJ_HOMING_IDLE && drive->standing;
 
-    return (uint16_t)((!searching && standing ? SJ_SW_TARGET_REACHED : 0) |
-                      (drive->homed ? SJ_SW_FOLLOWS : 0) |
-                      (drive->homing_error ? SJ_SW_FOLLOWING_ERROR : 0));
+    return (uint16_t)((!searching(drive) && standing ? SJ_SW_TARGET_REACHED : 0) |
+                      (drive->homing.homed ? SJ_SW_FOLLOWS : 0) |
+                      (drive->homing.error ? SJ_SW_FOLLOWING_ERROR : 0));
 }

@@ -1,8 +1,7 @@
-/* What the rooms of the drive share and nobody else needs; the contract is _kernel.h. */
+/* What the files of the drive share; private to this room, whose contract is _drive.h and _words.h. Prototypes stand from the ground up: each
+ * file calls those above it here, and never one below. */
 #pragma once
-
-#include <stddef.h> /* required by the contract */
-#include <stdint.h> /* the contract's integer types */
+#include <stdint.h>
 #include "drive/_drive.h"
 
 #define SJ_TWO_PI 6.283185307179586476925286766559
@@ -21,20 +20,35 @@ typedef struct {
     uint8_t reaction;                   /* SJ_FAULT_RAMPS or SJ_FAULT_COASTS */
 } sj_drive_fault_row;
 
+/* _cia402.c */
 const sj_drive_fault_row *sj_drive_fault(int32_t fault);
 
-/* pu = increments * *units / *increments, reduced; 0 when a term exceeds 2^30. */
+/* _config.c: pu = increments * *units / *increments, reduced; 0 when a term exceeds 2^30 */
 int32_t sj_drive_ratio(const sj_drive_config *config, int64_t *units, int64_t *increments);
 
-/* positions (_drive_units.c) */
+/* _units.c */
 int64_t sj_point_wrap(const sj_drive *drive, int64_t units);
 int64_t sj_point_difference(const sj_drive *drive, int64_t to, int64_t from);
-void sj_point_move_increments(const sj_drive *drive, sj_drive_point *point, int64_t way);
-int64_t sj_point_move_units(const sj_drive *drive, sj_drive_point *point, int64_t way);
+void sj_point_move_increments(const sj_drive *drive, sj_drive_point *point, int64_t distance);
+int64_t sj_point_move_units(const sj_drive *drive, sj_drive_point *point, int64_t distance);
 void sj_point_set(const sj_drive *drive, sj_drive_point *point, int64_t increments, int64_t units);
 void sj_point_set_home(sj_drive *drive, int64_t increments);   /* these become 607Ch */
 
-/* motions (_drive_motion.c); those that follow return a fault or SJ_FAULT_NONE where they can */
+/* _verdict.c */
+void sj_verdict_pause(sj_drive_verdict *verdict);               /* the stream is interrupted */
+void sj_verdict_judge(sj_drive *drive, int64_t step);           /* one target followed, pu */
+
+/* _servo.c */
+void sj_servo_prepare(sj_servo_constants *constants, const sj_drive_config *config);
+void sj_servo_period(sj_servo *servo, const sj_servo_constants *constants,
+                     const sj_servo_command *command);
+
+/* _servo_simd.c */
+enum { SJ_SERVO_LANES = 8 };                                    /* motors at once */
+/* One period of as many servos, SJ_SERVO_LANES at most. */
+void sj_servo_periods(int32_t count, sj_drive *const *drives, const sj_servo_command *commands);
+
+/* _motion.c; those that follow return a fault or SJ_FAULT_NONE where they can */
 void sj_motion_adopt_actual(sj_drive *drive);
 void sj_motion_power_off(sj_drive *drive, sj_servo_command *command);
 void sj_motion_ramp(sj_drive *drive, sj_servo_command *command, double advance, double velocity);
@@ -46,29 +60,29 @@ int32_t sj_motion_follow_position(sj_drive *drive, const sj_drive_rx *rx,
                                   sj_servo_command *command);
 void sj_motion_follow_velocity(sj_drive *drive, const sj_drive_rx *rx, sj_servo_command *command);
 void sj_motion_follow_torque(sj_drive *drive, const sj_drive_rx *rx, sj_servo_command *command);
-uint32_t sj_drive_digital_inputs(const sj_drive *drive);       /* 60FDh */
+uint32_t sj_motion_inputs(const sj_drive *drive);               /* 60FDh */
+int sj_motion_blocked(const sj_drive *drive, double direction); /* by a limit switch */
 
-/* profiles (_drive_profile.c) */
-void sj_profile_drop(sj_drive *drive);
+/* _homing.c */
+void sj_homing_period(sj_drive *drive, sj_servo_command *command);
+uint16_t sj_homing_bits(const sj_drive *drive);                 /* statusword bits 10, 12, 13 */
+
+/* _profile_modes.c */
+void sj_profile_drop(sj_drive *drive);                          /* the plan */
+void sj_profile_give_up(sj_drive *drive);                       /* the plan and its goals */
+void sj_profile_answer(sj_drive *drive, const sj_plan *plan);
 void sj_profile_position(sj_drive *drive, const sj_drive_rx *rx, sj_servo_command *command);
 void sj_profile_velocity(sj_drive *drive, const sj_drive_rx *rx, sj_servo_command *command);
 uint16_t sj_profile_bits(sj_drive *drive);                      /* statusword bits 10, 12, 13 */
 
-/* homing (_homing.c) */
-void sj_homing_period(sj_drive *drive, sj_servo_command *command);
-uint16_t sj_homing_bits(const sj_drive *drive);                 /* statusword bits 10, 12, 13 */
+/* _supervision.c */
+void sj_drive_raise(sj_drive *drive, int32_t fault);            /* transition 13 */
+int32_t sj_supervise_inputs(sj_drive *drive, const sj_drive_rx *rx); /* a fault or SJ_FAULT_NONE */
+void sj_supervise_following(sj_drive *drive, const sj_servo_command *command);
+void sj_supervise_standing(sj_drive *drive);
 
-/* the verdict (_stream.c) */
-void sj_verdict_pause(sj_drive_verdict *verdict);               /* the stream is interrupted */
-void sj_verdict_judge(sj_drive *drive, int64_t step);           /* one target followed, pu */
-
-/* the motor (_servo.c) */
-void sj_servo_prepare(sj_servo_constants *constants, const sj_drive_config *config);
-void sj_servo_period(sj_servo *servo, const sj_servo_constants *constants,
-                     const sj_servo_command *command);
-enum { SJ_MOTORS = 8 };                                         /* at once */
-/* One period of as many servos, SJ_MOTORS at most. */
-void sj_servo_periods(int32_t count, sj_drive *const *drives, const sj_servo_command *commands);
+/* _report.c */
+void sj_report_words(sj_drive *drive, const sj_drive_rx *rx, sj_drive_tx *tx);
 
 static inline int has_cause(const sj_drive *drive, int32_t fault)
 {
@@ -81,8 +95,43 @@ static inline double per_period(const sj_drive *drive)
     return drive->constants.increments_per_rad * drive->config.period_s;
 }
 
+static inline double increments_per_unit(const sj_drive *drive)
+{
+    return (double)drive->scale.increments / (double)drive->scale.units;
+}
+
+static inline double units_per_increment(const sj_drive *drive)
+{
+    return (double)drive->scale.units / (double)drive->scale.increments;
+}
+
+/* The speed limit, 6080h or 607Fh, in increments per period. */
+static inline double speed_limit(const sj_drive *drive)
+{
+    return (double)drive->scale.jump_limit / drive->config.jump_factor * increments_per_unit(drive);
+}
+
+/* Into -most .. most. */
+static inline double bounded(double value, double most)
+{
+    return value > most ? most : value < -most ? -most : value;
+}
+
+/* 605Ah: 5..8 are the ramps 1..4, and stay in QUICK STOP ACTIVE. */
+static inline int32_t quick_stop_ramp(const sj_drive_config *config)
+{
+    return config->quick_stop_option > 4 ? config->quick_stop_option - 4
+                                         : config->quick_stop_option;
+}
+
+/* 60F4h in pu, between the axis and its demand as they are inside the drive. */
+static inline int64_t following_error(const sj_drive *drive)
+{
+    return sj_point_difference(drive, drive->demand.point.units, drive->actual.units);
+}
+
 /* Polarity between the words and the motor. */
-static inline int64_t turned(const sj_drive *drive, int64_t value, uint32_t bit)
+static inline int64_t with_polarity(const sj_drive *drive, int64_t value, uint32_t bit)
 {
     return drive->config.polarity & bit ? -value : value;
 }

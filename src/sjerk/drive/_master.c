@@ -1,9 +1,8 @@
 /* The master's side of CiA 402: the controlword that leads a drive where one wants it, one step at a
  * time, and what its statusword says. Pure; the drive's side is _cia402.c.
  */
-#include <stddef.h>
 #include <stdint.h>
-#include "drive/_drive.h"
+#include "drive/_words.h"
 
 enum {
     SHUTDOWN = SJ_CW_ENABLE_VOLTAGE | SJ_CW_QUICK_STOP,
@@ -13,17 +12,17 @@ enum {
                  SJ_SW_QUICK_STOP | SJ_SW_DISABLED
 };
 
-static int is(uint16_t statusword, int32_t state)
+static int is_in(uint16_t statusword, int32_t state)
 {
     return (statusword & STATE_BITS) == sj_drive_state_bits(state);
 }
 
 int32_t sj_master_enabled(uint16_t statusword)
 {
-    return is(statusword, SJ_STATE_OPERATION_ENABLED);
+    return is_in(statusword, SJ_STATE_OPERATION_ENABLED);
 }
 
-int32_t sj_master_follows(uint16_t statusword)
+static int follows(uint16_t statusword)
 {
     return sj_master_enabled(statusword) && (statusword & SJ_SW_FOLLOWS) != 0;
 }
@@ -45,23 +44,23 @@ uint16_t sj_master_controlword(uint16_t statusword, int32_t enable, int32_t rese
     if (sj_master_fault(statusword))
         return reset ? SJ_CW_FAULT_RESET : 0;
     if (!enable)
-        return is(statusword, SJ_STATE_OPERATION_ENABLED) ? SWITCH_ON : SHUTDOWN;
-    if (is(statusword, SJ_STATE_READY))
+        return is_in(statusword, SJ_STATE_OPERATION_ENABLED) ? SWITCH_ON : SHUTDOWN;
+    if (is_in(statusword, SJ_STATE_READY))
         return SWITCH_ON;
-    if (is(statusword, SJ_STATE_SWITCHED_ON) || is(statusword, SJ_STATE_OPERATION_ENABLED))
+    if (is_in(statusword, SJ_STATE_SWITCHED_ON) || is_in(statusword, SJ_STATE_OPERATION_ENABLED))
         return ENABLE;
     return SHUTDOWN;
 }
 
 int32_t sj_master_stopping(uint16_t statusword)
 {
-    return is(statusword, SJ_STATE_QUICK_STOP);
+    return is_in(statusword, SJ_STATE_QUICK_STOP);
 }
 
 /* A master that does not map 6061h reads a zero: then the statusword has to do. */
 int32_t sj_master_follows_position(const sj_drive_tx *tx)
 {
-    return sj_master_follows(tx->statusword) &&
+    return follows(tx->statusword) &&
            (tx->mode_display == SJ_MODE_CSP || tx->mode_display == SJ_MODE_NONE);
 }
 

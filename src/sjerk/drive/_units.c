@@ -1,32 +1,32 @@
-/* Positions of a drive in increments of the encoder and in units of the user, both at once; and
- * what a config makes of them: ratio, range, jump limit.
+/* Positions of a drive in increments of the encoder and in units of the user, both at once.
+ *
+ * Invariant of a point, apart from wraps of both:
+ *     increments * scale.units + scale.increments / 2 = units * scale.increments + remainder
+ * so nothing drifts, whatever the gear.
  * Never here: motions, words, states.
  */
-#include <stddef.h> /* required by the contract */
-#include <stdint.h> /* the contract's integer types */
-#include "_internal.h" /* what the rooms of the drive share */
-
-/* ---- positions in increments and in pu ---- */
+#include <stdint.h> /* fixed widths */
+#include "drive/_internal.h" /* what the files of the drive share */
 
 /* Into the range of 607Bh; the full range is the plain wrap of INT32. */
 int64_t sj_point_wrap(const sj_drive *drive, int64_t units)
 {
-    if (drive->range == (int64_t)1 << 32) {
+    if (drive->scale.range == (int64_t)1 << 32) {
         return (int32_t)(uint32_t)(uint64_t)units;
     }
-    const int64_t above = (units - drive->config.range_min) % drive->range;
-    return drive->config.range_min + (above < 0 ? above + drive->range : above);
+    const int64_t above = (units - drive->config.range_min) % drive->scale.range;
+    return drive->config.range_min + (above < 0 ? above + drive->scale.range : above);
 }
 
-/* The short way from one position to another, around the wrap if that is shorter. */
+/* The short distance from one position to another, around the wrap if that is shorter. */
 int64_t sj_point_difference(const sj_drive *drive, int64_t to, int64_t from)
 {
-    int64_t way = (to - from) % drive->range;
+    int64_t distance = (to - from) % drive->scale.range;
 
-    if (way < 0) {
-        way += drive->range;
+    if (distance < 0) {
+        distance += drive->scale.range;
     }
-    return 2 * way >= drive->range ? way - drive->range : way;
+    return 2 * distance >= drive->scale.range ? distance - drive->scale.range : distance;
 }
 
 static int64_t floor_div(int64_t value, int64_t divisor)
@@ -35,29 +35,27 @@ static int64_t floor_div(int64_t value, int64_t divisor)
     return quotient - (value % divisor < 0);
 }
 
-/* Invariant of a point: increments * ratio_units + ratio_increments / 2
- *                       = units * ratio_increments + remainder, apart from wraps of both. */
-void sj_point_move_increments(const sj_drive *drive, sj_drive_point *point, int64_t way)
+void sj_point_move_increments(const sj_drive *drive, sj_drive_point *point, int64_t distance)
 {
-    const int64_t share = way * drive->ratio_units + point->remainder;
-    const int64_t units = floor_div(share, drive->ratio_increments);
+    const int64_t share = distance * drive->scale.units + point->remainder;
+    const int64_t units = floor_div(share, drive->scale.increments);
 
-    point->increments = add_wrapping(point->increments, way);
-    point->remainder = share - units * drive->ratio_increments;
+    point->increments = add_wrapping(point->increments, distance);
+    point->remainder = share - units * drive->scale.increments;
     point->units = sj_point_wrap(drive, point->units + units);
 }
 
-/* The units are met exactly, the increments to the nearest; returns the way in increments. */
-int64_t sj_point_move_units(const sj_drive *drive, sj_drive_point *point, int64_t way)
+/* The units are met exactly, the increments to the nearest; returns the distance in increments. */
+int64_t sj_point_move_units(const sj_drive *drive, sj_drive_point *point, int64_t distance)
 {
     const int64_t wanted =
-        way * drive->ratio_increments - (point->remainder - drive->ratio_increments / 2);
+        distance * drive->scale.increments - (point->remainder - drive->scale.increments / 2);
     const int64_t increments =
-        floor_div(wanted + drive->ratio_units / 2, drive->ratio_units);
+        floor_div(wanted + drive->scale.units / 2, drive->scale.units);
 
-    point->remainder += increments * drive->ratio_units - way * drive->ratio_increments;
+    point->remainder += increments * drive->scale.units - distance * drive->scale.increments;
     point->increments = add_wrapping(point->increments, increments);
-    point->units = sj_point_wrap(drive, point->units + way);
+    point->units = sj_point_wrap(drive, point->units + distance);
     return increments;
 }
 
@@ -65,89 +63,19 @@ void sj_point_set(const sj_drive *drive, sj_drive_point *point, int64_t incremen
 {
     point->increments = increments;
     point->units = sj_point_wrap(drive, units);
-    point->remainder = drive->ratio_increments / 2;
-}
-
-/* ---- configuration ---- */
-
-static void prepare(sj_drive *drive)
-{
-    const sj_drive_config *config = &drive->config;
-    double speed = 0.0;
-    double limit = 0.0;
-
-    sj_servo_prepare(&drive->constants, config);
-    (void)sj_drive_ratio(config, &drive->ratio_units, &drive->ratio_increments);
-    drive->range = (int64_t)config->range_max - config->range_min + 1;
-    /* pu/s of 6080h, or less by 607Fh */
-    speed = config->max_speed_rpm / 60.0 * config->encoder_increments /
-            config->encoder_revolutions * (double)drive->ratio_units /
-            (double)drive->ratio_increments;
-    speed = speed < config->max_profile_velocity ? speed : config->max_profile_velocity;
-    limit = speed * config->period_s * config->jump_factor;
-    drive->jump_limit = limit < 4294967296.0 ? (int64_t)limit : (int64_t)1 << 32;
-}
-
-int32_t sj_drive_init(sj_drive *drive, const sj_drive_config *config)
-{
-    const int32_t bad = sj_drive_config_check(config);
-
-    if (bad != 0) {
-        return bad;
-    }
-    *drive = (sj_drive){.config = *config, .state = SJ_STATE_NOT_READY, .plan_phase = -1};
-    prepare(drive);
-    sj_point_set(drive, &drive->actual, 0, 0);
-    sj_point_set(drive, &drive->demand, 0, 0);
-    sj_verdict_clear(&drive->verdict);
-    return 0;
-}
-
-/* A new scale: positions are told anew from the encoder, a reference is lost. */
-void sj_drive_rescale(sj_drive *drive)
-{
-    const int64_t increments = drive->actual.increments;
-
-    sj_point_set(drive, &drive->actual, 0, 0);
-    sj_point_move_increments(drive, &drive->actual, increments % ((int64_t)1 << 32));
-    drive->actual.increments = increments;
-    drive->demand = drive->actual;
-    drive->demand_fraction = 0.0;
-    drive->resync = 1;
-    drive->homed = 0;
-    sj_verdict_pause(&drive->verdict);
+    point->remainder = drive->scale.increments / 2;
 }
 
 void sj_point_set_home(sj_drive *drive, int64_t increments)
 {
-    const int64_t home = turned(drive, drive->config.home_offset, SJ_POLARITY_POSITION);
-    sj_drive_point *const points[] = {&drive->actual, &drive->demand};
+    const int64_t home = with_polarity(drive, drive->config.home_offset, SJ_POLARITY_POSITION);
+    sj_drive_point *const points[] = {&drive->actual, &drive->demand.point};
 
     for (int i = 0; i < 2; i++) {
         const int64_t now = points[i]->increments;
-        const int64_t way = subtract_wrapping(now, increments) % ((int64_t)1 << 32);
+        const int64_t distance = subtract_wrapping(now, increments) % ((int64_t)1 << 32);
         sj_point_set(drive, points[i], increments, home);
-        sj_point_move_increments(drive, points[i], way);
+        sj_point_move_increments(drive, points[i], distance);
         points[i]->increments = now;
     }
-}
-
-int32_t sj_drive_configure(sj_drive *drive, const sj_drive_config *config)
-{
-    const int32_t bad = sj_drive_config_check(config);
-    const sj_drive_config old = drive->config;
-
-    if (bad != 0) {
-        return bad;
-    }
-    drive->config = *config;
-    prepare(drive);
-    if (old.encoder_increments != config->encoder_increments ||
-        old.encoder_revolutions != config->encoder_revolutions ||
-        old.gear_motor != config->gear_motor || old.gear_shaft != config->gear_shaft ||
-        old.feed != config->feed || old.feed_shaft != config->feed_shaft ||
-        old.range_min != config->range_min || old.range_max != config->range_max) {
-        sj_drive_rescale(drive);
-    }
-    return 0;
 }

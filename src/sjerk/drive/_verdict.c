@@ -2,13 +2,14 @@
  *
  * Targets are integers, so each is up to half a unit off, and an n-th difference up to 2^(n-1)
  * units: that bound is subtracted before anything is judged or kept as a maximum. A sample gets
- * one finding, the most telling one; after it the history begins anew, so that one bad sample is
- * one finding and not three.
+ * one finding, the one that says most; after it the history begins anew, so that one bad sample is
+ * one finding and not three. With x[k] the target in units, T the period:
+ *     step = x[k] - x[k-1],  change = step[k] - step[k-1],  bend = change[k] - change[k-1]
+ *     velocity = (|step| - 1) / T,  acceleration = (|change| - 2) / T^2,  jerk = (|bend| - 4) / T^3
  * Never here: a reaction. The drive judges, the state machine acts.
  */
-#include <stdint.h> /* the contract's integer types */
-#include <stddef.h> /* required by the contract */
-#include "_internal.h" /* what the rooms of the drive share */
+#include <stdint.h> /* fixed widths */
+#include "drive/_internal.h" /* what the files of the drive share */
 
 static double magnitude(double value)
 {
@@ -58,8 +59,8 @@ void sj_verdict_judge(sj_drive *drive, int64_t raw_step)
     const sj_drive_config *config = &drive->config;
     const double period = config->period_s;
     /* revolutions of the motor per pu */
-    const double revolution = (double)drive->ratio_increments / (double)drive->ratio_units *
-                              config->encoder_revolutions / config->encoder_increments;
+    const double revolution =
+        increments_per_unit(drive) * config->encoder_revolutions / config->encoder_increments;
     const double to_velocity = revolution / period;
     const double to_acceleration = to_velocity / period;
     const double to_jerk = to_acceleration / period;
@@ -97,7 +98,7 @@ void sj_verdict_judge(sj_drive *drive, int64_t raw_step)
             note(drive, SJ_FINDING_STALE);
             return;
         }
-        /* Half of the way, taken twice, would have been within the limits: the middle of the two
+        /* Half of the distance, taken twice, would have been within the limits: the middle of the two
          * periods lies one and a half periods after the middle of the one before. */
         if (certain(0.5 * step - verdict->last_step, 2.0) * to_acceleration <=
             1.5 * acceleration_max) {
@@ -106,7 +107,7 @@ void sj_verdict_judge(sj_drive *drive, int64_t raw_step)
             return;
         }
     }
-    if (raw_step > drive->jump_limit || raw_step < -drive->jump_limit) {
+    if (raw_step > drive->scale.jump_limit || raw_step < -drive->scale.jump_limit) {
         note(drive, SJ_FINDING_JUMP);
         verdict->history = 0;
         return;
@@ -119,7 +120,7 @@ void sj_verdict_judge(sj_drive *drive, int64_t raw_step)
             return;
         }
         note(drive, SJ_FINDING_ACCELERATION);
-    } else if (magnitude(step) - 1.0 > (double)drive->jump_limit / config->jump_factor) {
+    } else if (magnitude(step) - 1.0 > (double)drive->scale.jump_limit / config->jump_factor) {
         note(drive, SJ_FINDING_VELOCITY);
     } else if (verdict->history >= 2 && config->stream_jerk_rev_s3 > 0.0 &&
                jerk > config->stream_jerk_rev_s3) {

@@ -13,7 +13,9 @@ import math
 import struct
 from collections.abc import Callable
 
-from sjerk.cia402 import Drive, DriveConfig, DriveConfigError, Feedback, Finding, Mode, State
+from sjerk.drive.config import DriveConfig, DriveConfigError
+from sjerk.drive.drive import Drive, DriveFeedback, Finding
+from sjerk.drive.eds import eds
 from sjerk.drive.objects import (
     DISABLED,
     DUMMIES,
@@ -21,21 +23,21 @@ from sjerk.drive.objects import (
     OBJECTS,
     PDOS,
     Abort,
-    Entry,
+    ObjectEntry,
     SdoError,
     default,
-    eds,
     entry,
 )
+from sjerk.drive.words import DriveState, Mode
 
 Value = int | float | str
 SAVE, LOAD = 0x65766173, 0x64616F6C
 """Signatures of 1010h:1 and 1011h:1."""
 
 _ENABLED = (
-    State.OPERATION_ENABLED,
-    State.QUICK_STOP_ACTIVE,
-    State.FAULT_REACTION_ACTIVE,
+    DriveState.OPERATION_ENABLED,
+    DriveState.QUICK_STOP_ACTIVE,
+    DriveState.FAULT_REACTION_ACTIVE,
 )
 _OF_THE_MOTOR = (0x6073, 0x6075, 0x6076, 0x6080, 0x60C2)
 _RESERVED_IDS = (
@@ -48,7 +50,7 @@ _RESERVED_IDS = (
 
 
 class Device:
-    r"""One drive, its object dictionary and its PDO mapping.
+    r"""One drive, its object dictionary (CiA 301, CiA 402) and its PDO mapping.
 
     >>> device = Device()
     >>> device.download(0x6040, 0, bytes([0x06, 0x00]))
@@ -59,19 +61,19 @@ class Device:
     """
 
     def __init__(self, drive: Drive | None = None, *, node_id: int = 1) -> None:
-        """Power the drive up; `node_id` makes the default identifiers of the PDOs."""
+        """Power the drive up; `node_id` (1 .. 127) makes the default identifiers of the PDOs."""
         self.drive = drive or Drive()
         self.node_id = node_id
         self._factory = self.drive.config
         self._stored: tuple[dict[tuple[int, int], Value], DriveConfig] | None = None
         self._getters: dict[tuple[int, int], Callable[[], Value]] = {}
-        self._setters: dict[tuple[int, int], Callable[[Entry, int], None]] = {}
+        self._setters: dict[tuple[int, int], Callable[[ObjectEntry, int], None]] = {}
         self._values: dict[tuple[int, int], Value] = {}
-        self._plans: dict[tuple[int, bool], tuple[list[Entry | int], struct.Struct]] = {}
+        self._plans: dict[tuple[int, bool], tuple[list[ObjectEntry | int], struct.Struct]] = {}
         self._errors: list[int] = []
         self._rx: dict[str, int] = {}
         self._target_written = False
-        self.feedback: Feedback
+        self.feedback: DriveFeedback
         """Of the last period."""
         self._bind()
         self._power_up()
@@ -79,12 +81,12 @@ class Device:
     # ---- SDO ----
 
     def upload(self, index: int, sub: int) -> bytes:
-        """The bytes of an object; `SdoError` with the abort code."""
+        """The bytes of an object; raises `SdoError` with the abort code."""
         row = entry(index, sub)
         return row.type.pack(self.read(index, sub))
 
     def download(self, index: int, sub: int, data: bytes) -> None:
-        """Write an object from bytes; `SdoError` with the abort code."""
+        """Write an object from bytes; raises `SdoError` with the abort code."""
         row = entry(index, sub)
         if row.access == "ro":
             raise SdoError(Abort.READ_ONLY, index, sub)
@@ -96,7 +98,7 @@ class Device:
         self.write(index, sub, value)
 
     def read(self, index: int, sub: int = 0) -> Value:
-        """The value of an object."""
+        """The value of an object in its own unit; raises `SdoError` where there is none."""
         row = entry(index, sub)
         place, _, name = row.source.partition(".")
         match place:
@@ -116,7 +118,7 @@ class Device:
         return getter() if getter else self._values[index, sub]
 
     def write(self, index: int, sub: int, value: int | float) -> None:
-        """Give an object a value that its type can hold; refusals as in `download`."""
+        """Give an object a value that its type can hold; raises `SdoError` as `download`."""
         row = entry(index, sub)
         if row.access == "ro":
             raise SdoError(Abort.READ_ONLY, index, sub)
@@ -132,7 +134,7 @@ class Device:
         else:
             self._values[index, sub] = value
 
-    def _configure(self, row: Entry, field: str, value: int | float) -> None:
+    def _configure(self, row: ObjectEntry, field: str, value: int | float) -> None:
         if getattr(self.drive.config, field) == value:
             return
         try:
@@ -163,19 +165,19 @@ class Device:
         index = (0x1400 if receive else 0x1800) + number
         return int(self._values[index, 1]), int(self._values[index, 2])
 
-    def mapping(self, number: int, *, receive: bool) -> list[Entry | int]:
-        """What a PDO carries: rows, and plain numbers of bits to skip."""
+    def mapping(self, number: int, *, receive: bool) -> list[ObjectEntry | int]:
+        """What a PDO carries: entries of the dictionary, and plain numbers of bits to skip."""
         return self._plan(number, receive)[0]
 
     def receive(self, number: int, data: bytes) -> None:
         """Take a receive PDO: each mapped object gets its value, refused ones keep theirs.
 
-        Raises `SdoError` (`PDO_LENGTH`) when the data are shorter than the mapping.
+        Raises `SdoError` (`PDO_LENGTH`) where the data are shorter than the mapping.
         """
         rows, layout = self._plan(number, True)
         if len(data) < layout.size:
             raise SdoError(Abort.PDO_LENGTH, 0x1600 + number, 0)
-        mapped = [row for row in rows if isinstance(row, Entry)]
+        mapped = [row for row in rows if isinstance(row, ObjectEntry)]
         for row, value in zip(mapped, layout.unpack_from(data), strict=True):
             try:
                 self.write(row.index, row.sub, value)
@@ -185,22 +187,22 @@ class Device:
     def transmit(self, number: int) -> bytes:
         """The bytes of a transmit PDO."""
         rows, layout = self._plan(number, False)
-        return layout.pack(*(self.read(r.index, r.sub) for r in rows if isinstance(r, Entry)))
+        return layout.pack(*(self.read(r.index, r.sub) for r in rows if isinstance(r, ObjectEntry)))
 
     def length(self, number: int, *, receive: bool) -> int:
         """Bytes of a PDO."""
         return self._plan(number, receive)[1].size
 
-    def cycle(self, *, sync_missed: bool = False) -> Feedback:
+    def cycle(self, *, sync_missed: bool = False) -> DriveFeedback:
         """One SYNC period with the words of the dictionary.
 
-        A target that nobody has written since the drive was last enabled is the actual position.
+        A target that was not written since the drive was last enabled is the actual position.
         """
-        if self.feedback.state is not State.OPERATION_ENABLED and not self._target_written:
+        if self.feedback.state is not DriveState.OPERATION_ENABLED and not self._target_written:
             self._rx["target_position"] = self.feedback.position_actual
         before = self.feedback
         self.feedback = self.drive.cycle(**self._rx, sync_missed=sync_missed)
-        if before.state is State.OPERATION_ENABLED is not self.feedback.state:
+        if before.state is DriveState.OPERATION_ENABLED is not self.feedback.state:
             self._target_written = False
         if self.feedback.error_code not in (0, before.error_code):
             self._errors = [self.feedback.error_code, *self._errors][:8]
@@ -263,12 +265,12 @@ class Device:
         put[0x1005, 0] = put[0x1014, 0] = self._set_identifier
         put[0x1010, 1], put[0x1011, 1] = self._store, self._restore
         for number in range(PDOS):
-            for way in (0x1400, 0x1800):
-                put[way + number, 1] = self._set_pdo_identifier
-                put[way + number, 2] = self._set_transmission_type
-                put[way + number, 3] = self._set_inhibit_time
+            for base in (0x1400, 0x1800):
+                put[base + number, 1] = self._set_pdo_identifier
+                put[base + number, 2] = self._set_transmission_type
+                put[base + number, 3] = self._set_inhibit_time
                 for sub in range(MAPPED + 1):
-                    put[way + 0x200 + number, sub] = self._set_mapping
+                    put[base + 0x200 + number, sub] = self._set_mapping
         get[0x2100, 2] = lambda: min(self.drive.jump_limit, 0xFFFFFFFF)
         get[0x2101, 1] = lambda: min(self.drive.report().samples, 0xFFFFFFFF)
         put[0x2101, 1] = self._clear_verdict
@@ -289,27 +291,27 @@ class Device:
         config = self.drive.config
         return min(round(1000 * config.peak_torque_nm / config.rated_torque_nm), 0xFFFF)
 
-    def _clear_errors(self, row: Entry, value: int) -> None:
+    def _clear_errors(self, row: ObjectEntry, value: int) -> None:
         if value != 0:
             raise SdoError(Abort.RANGE, row.index, row.sub)
         self._errors.clear()
 
-    def _clear_verdict(self, row: Entry, value: int) -> None:
+    def _clear_verdict(self, row: ObjectEntry, value: int) -> None:
         if value != 0:
             raise SdoError(Abort.RANGE, row.index, row.sub)
         self.drive.clear_report()
 
-    def _store(self, row: Entry, value: int) -> None:
+    def _store(self, row: ObjectEntry, value: int) -> None:
         if value != SAVE:
             raise SdoError(Abort.CANNOT_STORE, row.index, row.sub)
         self._stored = dict(self._values), self.drive.config
 
-    def _restore(self, row: Entry, value: int) -> None:
+    def _restore(self, row: ObjectEntry, value: int) -> None:
         if value != LOAD:
             raise SdoError(Abort.CANNOT_STORE, row.index, row.sub)
         self._stored = None
 
-    def _set_mode(self, row: Entry, value: int) -> None:
+    def _set_mode(self, row: ObjectEntry, value: int) -> None:
         if value not in Mode.__members__.values():
             raise SdoError(Abort.RANGE, row.index, row.sub)
         self._rx["mode"] = value
@@ -322,14 +324,14 @@ class Device:
     def _profile_jerk(self) -> int:
         return min(round(self.drive.config.profile_jerk_rev_s3 * self._jerk_unit()), 0xFFFFFFFF)
 
-    def _set_profile_jerk(self, row: Entry, value: int) -> None:
+    def _set_profile_jerk(self, row: ObjectEntry, value: int) -> None:
         self._configure(row, "profile_jerk_rev_s3", value / self._jerk_unit())
 
-    def _set_target(self, row: Entry, value: int) -> None:
+    def _set_target(self, row: ObjectEntry, value: int) -> None:
         self._rx["target_position"] = value
         self._target_written = True
 
-    def _set_interval(self, row: Entry, value: int) -> None:
+    def _set_interval(self, row: ObjectEntry, value: int) -> None:
         """60C2h counts once value and index together give a period the drive can run."""
         if (row.sub == 1 and value < 1) or (row.sub == 2 and not -6 <= value <= 0):
             raise SdoError(Abort.RANGE, row.index, row.sub)
@@ -340,13 +342,13 @@ class Device:
         except DriveConfigError:
             return
 
-    def _set_identifier(self, row: Entry, value: int) -> None:
+    def _set_identifier(self, row: ObjectEntry, value: int) -> None:
         if _reserved(value) or value & 0x1FFFF800:
             raise SdoError(Abort.RANGE, row.index, row.sub)
         self._values[row.index, row.sub] = value
 
-    def _set_pdo_identifier(self, row: Entry, value: int) -> None:
-        """Identifiers change while the PDO is disabled (bit 31), on the way in or out."""
+    def _set_pdo_identifier(self, row: ObjectEntry, value: int) -> None:
+        """Identifiers change while the PDO is disabled (bit 31), before or after."""
         if _reserved(value) or value & 0x3FFFF800:
             raise SdoError(Abort.RANGE, row.index, row.sub)
         old = int(self._values[row.index, row.sub])
@@ -354,23 +356,23 @@ class Device:
             raise SdoError(Abort.DEVICE_STATE, row.index, row.sub)
         self._values[row.index, row.sub] = value
 
-    def _set_transmission_type(self, row: Entry, value: int) -> None:
+    def _set_transmission_type(self, row: ObjectEntry, value: int) -> None:
         by_request = row.index >= 0x1800 and value in (252, 253)
         if 240 < value < 254 and not by_request:
             raise SdoError(Abort.RANGE, row.index, row.sub)
         self._values[row.index, row.sub] = value
 
-    def _set_inhibit_time(self, row: Entry, value: int) -> None:
+    def _set_inhibit_time(self, row: ObjectEntry, value: int) -> None:
         if not int(self._values[row.index, 1]) & DISABLED:
             raise SdoError(Abort.DEVICE_STATE, row.index, row.sub)
         self._values[row.index, row.sub] = value
 
-    def _set_mapping(self, row: Entry, value: int) -> None:
+    def _set_mapping(self, row: ObjectEntry, value: int) -> None:
         """Disable the PDO, sub 0 := 0, write the objects, sub 0 := n, enable."""
         receive = row.index < 0x1800
         number = row.index & 0xF
-        way = 0x1400 if receive else 0x1800
-        if not int(self._values[way + number, 1]) & DISABLED:
+        base = 0x1400 if receive else 0x1800
+        if not int(self._values[base + number, 1]) & DISABLED:
             raise SdoError(Abort.DEVICE_STATE, row.index, row.sub)
         if row.sub > 0:
             if self._values[row.index, 0] != 0:
@@ -389,7 +391,7 @@ class Device:
         self._values[row.index, 0] = value
         self._plans.pop((number, receive), None)
 
-    def _plan(self, number: int, receive: bool) -> tuple[list[Entry | int], struct.Struct]:
+    def _plan(self, number: int, receive: bool) -> tuple[list[ObjectEntry | int], struct.Struct]:
         plan = self._plans.get((number, receive))
         if plan is None:
             index = (0x1600 if receive else 0x1A00) + number
@@ -399,14 +401,15 @@ class Device:
                 for sub in range(1, count + 1)
             ]
             layout = "".join(
-                row.type.value[1] if isinstance(row, Entry) else f"{row // 8}x" for row in rows
+                row.type.value[1] if isinstance(row, ObjectEntry) else f"{row // 8}x"
+                for row in rows
             )
             plan = self._plans[number, receive] = rows, struct.Struct("<" + layout)
         return plan
 
 
-def _mapped(word: int, receive: bool, where: Entry) -> Entry | int:
-    """What a mapping word (index, sub, bits) names; `SdoError` at `where` when it may not."""
+def _mapped(word: int, receive: bool, where: ObjectEntry) -> ObjectEntry | int:
+    """What a mapping word (index, sub, bits) names; raises `SdoError` at `where`."""
     index, sub, bits = word >> 16, word >> 8 & 0xFF, word & 0xFF
     if receive and index in DUMMIES and sub == 0 and bits == DUMMIES[index]:
         if bits % 8:

@@ -1,8 +1,8 @@
 """The object dictionary of the drive as data: CiA 301 communication, CiA 402 drive profile.
 
-`OBJECTS` is the table, `Abort` the SDO abort codes of CiA 301, `eds` writes the table as an
-electronic data sheet (CiA 306). A row's `source` says where its value lives: ``config.x`` a
-field of `sjerk.cia402.DriveConfig`, ``rx.x`` and ``tx.x`` a word of the process data,
+`OBJECTS` is the table, `Abort` the SDO abort codes of CiA 301; `sjerk.drive.eds` writes the table
+as an electronic data sheet. A row's `source` says where its value lives: ``config.x`` is a field of
+`sjerk.drive.config.DriveConfig`, ``rx.x`` and ``tx.x`` are words of the process data,
 ``report.x`` and ``finding.X`` the verdict on the stream, "" the dictionary itself, ``special`` a
 rule of `sjerk.drive.device`.
 
@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import enum
 import struct
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 from sjerk.errors import SjerkError
@@ -23,27 +23,39 @@ class Type(enum.Enum):
     """Data types of CiA 301: (code, struct format)."""
 
     INTEGER8 = (0x02, "b")
+    """A signed integer of one byte."""
     INTEGER16 = (0x03, "h")
+    """A signed integer of two bytes."""
     INTEGER32 = (0x04, "i")
+    """A signed integer of four bytes."""
     UNSIGNED8 = (0x05, "B")
+    """An unsigned integer of one byte."""
     UNSIGNED16 = (0x06, "H")
+    """An unsigned integer of two bytes."""
     UNSIGNED32 = (0x07, "I")
+    """An unsigned integer of four bytes."""
     REAL32 = (0x08, "f")
+    """A float of four bytes (IEEE 754)."""
     VISIBLE_STRING = (0x09, "")
+    """Text in ASCII."""
 
     @property
     def code(self) -> int:
-        """The type's number in an electronic data sheet."""
+        """The number of the type in an electronic data sheet."""
         return self.value[0]
 
     @property
     def size(self) -> int:
-        """Bytes of a value; 0: as many as it has."""
+        """Bytes of a value; 0 for text, which has as many as it has characters."""
         return struct.calcsize("<" + self.value[1]) if self.value[1] else 0
 
     @property
     def limits(self) -> tuple[int, int] | None:
-        """Smallest and largest value of an integer type."""
+        """Smallest and largest value of an integer type; None for the others.
+
+        >>> Type.INTEGER8.limits
+        (-128, 127)
+        """
         if self in (Type.REAL32, Type.VISIBLE_STRING):
             return None
         bits = 8 * self.size
@@ -69,28 +81,51 @@ class Abort(enum.IntEnum):
     """SDO abort codes of CiA 301."""
 
     TOGGLE = 0x05030000
+    """The toggle bit did not alternate."""
     COMMAND = 0x05040001
+    """The command is not valid or not known."""
     UNSUPPORTED_ACCESS = 0x06010000
+    """The object does not support this access."""
     WRITE_ONLY = 0x06010001
+    """The object can only be written."""
     READ_ONLY = 0x06010002
+    """The object can only be read."""
     NO_OBJECT = 0x06020000
+    """The dictionary has no such object."""
     NOT_MAPPABLE = 0x06040041
+    """The object cannot be mapped into the PDO."""
     PDO_LENGTH = 0x06040042
+    """The mapped objects are longer than a PDO."""
     LENGTH = 0x06070010
+    """The length does not match the type."""
     TOO_LONG = 0x06070012
+    """The data are longer than the type."""
     TOO_SHORT = 0x06070013
+    """The data are shorter than the type."""
     NO_SUBINDEX = 0x06090011
+    """The object has no such sub-index."""
     RANGE = 0x06090030
+    """The value is outside its range."""
     TOO_HIGH = 0x06090031
+    """The value is above its range."""
     TOO_LOW = 0x06090032
+    """The value is below its range."""
     MAX_BELOW_MIN = 0x06090036
+    """The maximum would be below the minimum."""
     CANNOT_STORE = 0x08000020
+    """The data cannot be stored: the signature is wrong."""
     LOCAL_CONTROL = 0x08000021
+    """The device is under local control."""
     DEVICE_STATE = 0x08000022
+    """The present state of the device does not allow it."""
 
 
 class SdoError(SjerkError):
-    """An access that the dictionary refuses: `abort`, `index`, `sub`."""
+    """An access that the dictionary refuses: `abort`, `index`, `sub`.
+
+    >>> print(SdoError(Abort.READ_ONLY, 0x6041, 0))
+    6041h:0: read_only (06010002h)
+    """
 
     def __init__(self, abort: Abort, index: int, sub: int) -> None:
         """Name the object and the abort code."""
@@ -99,36 +134,44 @@ class SdoError(SjerkError):
 
 
 @dataclass(frozen=True)
-class Entry:
-    """One (sub-)object: what an SDO or PDO can reach."""
+class ObjectEntry:
+    """One object or sub-object: what an SDO or a PDO can reach.
+
+    `access` is "ro", "rw", or "idle": writable while the drive is not enabled. `pdo` has "R" where
+    it may be mapped into a receive PDO, "T" into a transmit PDO. `unit` is for people, `source` as
+    at the top of this module.
+
+    >>> OBJECTS[0x607A].entries[0].bits
+    32
+    """
 
     index: int
     sub: int
     name: str
     type: Type
     access: str
-    """"ro", "rw"; "idle" is rw while the drive is not enabled."""
     pdo: str = ""
-    """"R" may be mapped into a receive PDO, "T" into a transmit PDO, "RT" both."""
     default: int | float | str = 0
     unit: str = ""
     source: str = ""
 
     @property
     def bits(self) -> int:
-        """Length in a PDO."""
+        """Length in a PDO, bits."""
         return 8 * self.type.size
 
 
 @dataclass(frozen=True)
 class Object:
-    """An object: one entry (variable) or entries from sub-index 0 (array, record)."""
+    """An object: one entry (variable) or entries from sub-index 0 on (array, record).
+
+    `code` is its object code: 7 variable, 8 array, 9 record.
+    """
 
     index: int
     name: str
-    entries: tuple[Entry, ...]
+    entries: tuple[ObjectEntry, ...]
     code: int
-    """Object code: 7 variable, 8 array, 9 record."""
 
 
 I8, I16, I32 = Type.INTEGER8, Type.INTEGER16, Type.INTEGER32
@@ -148,14 +191,14 @@ def _var(
     unit: str = "",
     source: str = "",
 ) -> Object:
-    entry = Entry(index, 0, name, type_, access, pdo, default, unit, source)
+    entry = ObjectEntry(index, 0, name, type_, access, pdo, default, unit, source)
     return Object(index, name, (entry,), 7)
 
 
 def _many(index: int, name: str, *rows: Row, code: int = 8, count: str = "ro") -> Object:
     """An array or record; `count` is the access of sub-index 0."""
-    head = Entry(index, 0, "Highest sub-index", U8, count, "", len(rows), "", "")
-    subs = (Entry(index, sub, *row) for sub, row in enumerate(rows, 1))
+    head = ObjectEntry(index, 0, "Highest sub-index", U8, count, "", len(rows), "", "")
+    subs = (ObjectEntry(index, sub, *row) for sub, row in enumerate(rows, 1))
     return Object(index, name, (head, *subs), code)
 
 
@@ -181,7 +224,7 @@ NO_RTR = 0x40000000
 
 
 def _pdo(number: int, receive: bool) -> Iterator[Object]:
-    side, way = ("Receive", 0x1400) if receive else ("Transmit", 0x1800)
+    side, communication = ("Receive", 0x1400) if receive else ("Transmit", 0x1800)
     base = (0x200 if receive else 0x180) + 0x100 * number
     cob = base | (0 if number == 0 else DISABLED) | (0 if receive else NO_RTR)
     rows: list[Row] = [
@@ -194,10 +237,10 @@ def _pdo(number: int, receive: bool) -> Iterator[Object]:
             ("Reserved", U8, "ro", "", 0, "", ""),
             ("Event timer", U16, "rw", "", 0, "ms", ""),
         ]
-    yield _many(way + number, f"{side} PDO {number + 1} communication", *rows, code=9)
+    yield _many(communication + number, f"{side} PDO {number + 1} communication", *rows, code=9)
     maps = (_RPDO_MAPS if receive else _TPDO_MAPS)[number]
     mapping = _many(
-        way + 0x200 + number,
+        communication + 0x200 + number,
         f"{side} PDO {number + 1} mapping",
         *(
             (
@@ -274,7 +317,7 @@ _MAKER: tuple[Object, ...] = (
           ("Jerk of profiles", REAL, "rw", "", 10000.0, "rev/s^3", "config.profile_jerk_rev_s3"),
           code=9),
     _many(0x2101, "Verdict on the targets",
-          ("Write 0: begin anew; targets judged", U32, "rw", "T", 0, "", "special"),
+          ("Write 0: begin again; targets judged", U32, "rw", "T", 0, "", "special"),
           ("Largest velocity", REAL, "ro", "", 0.0, "rev/s", "report.velocity_rev_s"),
           ("Largest acceleration", REAL, "ro", "", 0.0, "rev/s^2", "report.acceleration_rev_s2"),
           ("Largest jerk", REAL, "ro", "", 0.0, "rev/s^3", "report.jerk_rev_s3"),
@@ -400,7 +443,7 @@ DUMMIES: dict[int, int] = {0x01: 1, 0x02: 8, 0x03: 16, 0x04: 32, 0x05: 8, 0x06: 
 """Bits of the data types that may fill a receive PDO: they are skipped."""
 
 
-def entry(index: int, sub: int) -> Entry:
+def entry(index: int, sub: int) -> ObjectEntry:
     """The row of an object; `SdoError` when there is none.
 
     >>> entry(0x6040, 0).name
@@ -414,93 +457,15 @@ def entry(index: int, sub: int) -> Entry:
     return entries[sub]
 
 
-def eds(
-    *,
-    node_id: int = 1,
-    file_name: str = "sjerk.eds",
-    values: Mapping[tuple[int, int], int | float | str] | None = None,
-) -> str:
-    """The electronic data sheet of the drive, COB-IDs for `node_id`; `values` override defaults."""
-    values = values or {}
-    mandatory = [0x1000, 0x1001, 0x1018]
-    groups = {
-        "MandatoryObjects": [i for i in OBJECTS if i in mandatory],
-        "OptionalObjects": [i for i in OBJECTS if i not in mandatory and not 0x2000 <= i < 0x6000],
-        "ManufacturerObjects": [i for i in OBJECTS if 0x2000 <= i < 0x6000],
-    }
-    lines = [
-        "[FileInfo]",
-        f"FileName={file_name}",
-        "FileVersion=1",
-        "FileRevision=0",
-        "EDSVersion=4.0",
-        "Description=Simulated servo drive, CiA 402",
-        "CreatedBy=sjerk",
-        "",
-        "[DeviceInfo]",
-        "VendorName=sjerk (no assigned vendor)",
-        "VendorNumber=0",
-        "ProductName=sjerk simulated drive",
-        f"ProductNumber={OBJECTS[0x1018].entries[2].default:#x}",
-        "RevisionNumber=1",
-        *(f"BaudRate_{rate}=1" for rate in (10, 20, 50, 125, 250, 500, 800, 1000)),
-        "SimpleBootUpMaster=0",
-        "SimpleBootUpSlave=1",
-        "Granularity=8",
-        "DynamicChannelsSupported=0",
-        "GroupMessaging=0",
-        f"NrOfRXPDO={PDOS}",
-        f"NrOfTXPDO={PDOS}",
-        "LSS_Supported=0",
-        "",
-        "[DummyUsage]",
-        *(f"Dummy{index:04X}=1" for index in DUMMIES),
-        "",
-    ]
-    for group, indices in groups.items():
-        lines += [f"[{group}]", f"SupportedObjects={len(indices)}"]
-        lines += [f"{n}={index:#06x}" for n, index in enumerate(indices, 1)]
-        lines.append("")
-    for thing in OBJECTS.values():
-        if thing.code == 7:
-            lines += _section(f"{thing.index:04X}", thing.entries[0], node_id, values)
-            continue
-        lines += [
-            f"[{thing.index:04X}]",
-            f"ParameterName={thing.name}",
-            f"ObjectType={thing.code:#x}",
-            f"SubNumber={len(thing.entries)}",
-            "",
-        ]
-        for row in thing.entries:
-            lines += _section(f"{thing.index:04X}sub{row.sub:X}", row, node_id, values)
-    return "\n".join(lines)
+def default(row: ObjectEntry, node_id: int) -> int | float | str:
+    """The power-on value of a row in a node: COB-IDs carry the number of the node.
 
-
-def default(row: Entry, node_id: int) -> int | float | str:
-    """The power-on value of a row in a node: COB-IDs carry the node's number."""
+    >>> hex(default(entry(0x1014, 0), 5))
+    '0x85'
+    """
     if isinstance(row.default, int) and (
         row.index == 0x1014
         or (0x1400 <= row.index < 0x1C00 and row.sub == 1 and not row.index & 0x200)
     ):
         return row.default + node_id
     return row.default
-
-
-def _section(
-    name: str, row: Entry, node_id: int, values: Mapping[tuple[int, int], int | float | str]
-) -> list[str]:
-    access = {"ro": "ro", "rw": "rw", "idle": "rw"}[row.access]
-    if row.access != "ro" and row.pdo:
-        access = {"R": "rww", "T": "rwr"}.get(row.pdo, "rw")
-    value = values.get((row.index, row.sub), default(row, node_id))
-    return [
-        f"[{name}]",
-        f"ParameterName={row.name}",
-        "ObjectType=0x7",
-        f"DataType={row.type.code:#06x}",
-        f"AccessType={access}",
-        f"DefaultValue={value if not isinstance(value, int) or value < 0 else hex(value)}",
-        f"PDOMapping={int(bool(row.pdo))}",
-        "",
-    ]

@@ -11,33 +11,36 @@ from dataclasses import dataclass, field
 from enum import Enum, IntEnum
 from typing import Any
 
-import numpy as np
-
 from sjerk.errors import InputError, positive, real
 from sjerk.profile import FloatArray
-from sjerk.trajectory.trajectory import ExecutionMode, Fault, FaultKind, Trajectory, TrajectoryError
+from sjerk.trajectory import ExecutionMode, FaultKind, Trajectory, TrajectoryError, TrajectoryFault
+from sjerk.trajectory.columns import columns_of, seconds
 
 
 class ResultCode(IntEnum):
-    """FollowJointTrajectory's error codes."""
+    """The error codes of ``control_msgs/action/FollowJointTrajectory``.
 
-    SUCCESSFUL = 0
-    INVALID_GOAL = -1
-    INVALID_JOINTS = -2
-    OLD_HEADER_TIMESTAMP = -3
-    PATH_TOLERANCE_VIOLATED = -4
-    GOAL_TOLERANCE_VIOLATED = -5
+    >>> ResultCode(-4).name
+    'PATH_TOLERANCE_VIOLATED'
+    """
+
+    SUCCESSFUL = 0  #: The goal is reached, or was canceled, or goes on.
+    INVALID_GOAL = -1  #: The goal cannot be accepted, or the kernel has ended its motion.
+    INVALID_JOINTS = -2  #: The joints are not those of the executor.
+    OLD_HEADER_TIMESTAMP = -3  #: All of the trajectory lies before now.
+    PATH_TOLERANCE_VIOLATED = -4  #: A joint left its path tolerance during the motion.
+    GOAL_TOLERANCE_VIOLATED = -5  #: A joint did not come within its goal tolerance in time.
 
 
 class GoalStatus(Enum):
     """What has become of a goal; the last four are final."""
 
-    WAITING = "waiting"  #: for the motion before to come to rest
-    EXECUTING = "executing"
-    SUCCEEDED = "succeeded"
-    CANCELED = "canceled"
-    ABORTED = "aborted"
-    REJECTED = "rejected"
+    WAITING = "waiting"  #: Its motion has not begun: the one before still moves.
+    EXECUTING = "executing"  #: Its motion is in play, or the joints settle after it.
+    SUCCEEDED = "succeeded"  #: The joints are within the goal tolerance.
+    CANCELED = "canceled"  #: ``GoalHandle.cancel`` ended it.
+    ABORTED = "aborted"  #: A newer goal, a tolerance, or the kernel ended it.
+    REJECTED = "rejected"  #: It was not accepted.
 
 
 OPEN = (GoalStatus.WAITING, GoalStatus.EXECUTING)
@@ -47,7 +50,11 @@ OPEN = (GoalStatus.WAITING, GoalStatus.EXECUTING)
 class Tolerance:
     """How far a joint's actual position and velocity may be from the commanded ones.
 
-    Axis units, per second. 0: as the executor has it, and there unchecked; -1: unchecked.
+    ``position`` in axis units, ``velocity`` per second. 0: as the executor has it, and there
+    unchecked; -1: unchecked, as in ``control_msgs/msg/JointTolerance``. Raises InputError.
+
+    >>> Tolerance(0.1).over(Tolerance(0.5, 2.0))
+    Tolerance(position=0.1, velocity=2.0)
     """
 
     position: float = 0.0
@@ -83,7 +90,7 @@ class GoalFeedback:
     actual_velocity: FloatArray
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Settings:
     """What holds for goals from the next one on: ``TrajectoryExecutor.settings``.
 
@@ -95,7 +102,10 @@ class Settings:
     (s) that the joints may take to come within the goal's after the motion, 0: for ever, also where
     they cannot come so near; then only ``cancel`` or another goal ends it. ``stopped_velocity``
     that counts as rest. ``start_tolerance``: a first way-point at time 0 further away is refused;
-    None: it is gone to first.
+    None: it is gone to first. Raises InputError.
+
+    >>> Settings(speed=0.5, goal_tolerance={"elbow": Tolerance(0.01)}).goal_time
+    0.0
     """
 
     execution_mode: ExecutionMode = ExecutionMode.FULL_TRAJECTORY
@@ -138,22 +148,12 @@ def from_message(message: Any) -> tuple[Trajectory, float]:
     """
     _has("trajectory", message, ("joint_names", "points", "header"))
     names, points = list(message.joint_names), list(message.points)
-    faults = [] if points else [Fault(FaultKind.EMPTY, "no points")]
+    if not points:
+        raise TrajectoryError([TrajectoryFault(FaultKind.EMPTY, "no points")])
     for i, point in enumerate(points):
         _has(f"trajectory.points[{i}]", point, _POINT)
-        for kind in ("positions", "velocities", "accelerations"):
-            size = len(getattr(point, kind))
-            if size != len(names) and (size or kind == "positions"):
-                faults.append(Fault(FaultKind.SIZE, f"{size} {kind} for {len(names)} joints", i))
-    if faults:
-        raise TrajectoryError(faults)
-    moments = [p.time_from_start.sec + 1e-9 * p.time_from_start.nanosec for p in points]
-    rows = [np.array([p.positions for p in points], dtype=np.float64)]
-    for kind in ("velocities", "accelerations"):
-        values = [getattr(p, kind) for p in points]
-        rows.append(np.array(values) if all(map(len, values)) else None)  # type: ignore[arg-type]
-    stamp = message.header.stamp
-    return Trajectory(names, moments, *rows), stamp.sec + 1e-9 * stamp.nanosec
+    moments = [seconds(point.time_from_start) for point in points]
+    return Trajectory(*columns_of(names, moments, points)), seconds(message.header.stamp)
 
 
 _POINT = ("positions", "velocities", "accelerations", "time_from_start")
@@ -167,6 +167,7 @@ def _has(field: str, value: object, names: Sequence[str]) -> None:
 
 
 def check_tolerances(field: str, given: object) -> None:
+    """Refuse what does not map joint names to ``Tolerance``; raises InputError."""
     if not isinstance(given, Mapping):
         raise InputError(field, given, "must map joint names to Tolerance")
     for name, value in given.items():
@@ -182,7 +183,7 @@ def tolerances(
 ) -> list[Tolerance]:
     """One per joint, in order; a joint that the goal does not have is an invalid goal."""
     unknown = [
-        Fault(FaultKind.JOINTS, f"{field} of no joint of the goal", joint=name)
+        TrajectoryFault(FaultKind.JOINTS, f"{field} of no joint of the goal", joint=name)
         for name in own or {}
         if name not in names
     ]
@@ -191,13 +192,13 @@ def tolerances(
     return [(own or {}).get(n, Tolerance()).over(default.get(n, Tolerance())) for n in names]
 
 
-def violated(told: GoalFeedback, k: int, limit: Tolerance) -> str:
+def violated(feedback: GoalFeedback, k: int, limit: Tolerance) -> str:
     """What is out of tolerance at joint k, or nothing."""
-    velocity = told.desired_velocity[k] - told.actual_velocity[k]
+    velocity = feedback.desired_velocity[k] - feedback.actual_velocity[k]
     for name, error, most in (
-        ("position", told.error[k], limit.position),
+        ("position", feedback.error[k], limit.position),
         ("velocity", velocity, limit.velocity),
     ):
         if most > 0.0 and not abs(error) <= most:
-            return f"joint {told.joint_names[k]}: {name} off by {error:g}, more than {most:g}"
+            return f"joint {feedback.joint_names[k]}: {name} off by {error:g}, more than {most:g}"
     return ""

@@ -1,1 +1,36 @@
-"""What commands and reads a running kernel."""
+"""Commands to a kernel and what comes back: the host, its motions, feedback, events."""
+
+from sjerk.host.arguments import BUFFERS, Axes, Buffer, Direction, Target
+from sjerk.host.events import Event, EventKind
+from sjerk.host.feedback import AxisFeedback, Feedback, PathFeedback, PathState
+from sjerk.host.host import Host
+from sjerk.host.monitor import Monitor
+from sjerk.host.move import Move, MoveState
+from sjerk.host.path import Path, Progress
+from sjerk.host.path_records import Blocks
+from sjerk.host.timing import ClockReport, Distribution, Grant, Timing
+
+__all__ = [
+    "BUFFERS",
+    "Axes",
+    "AxisFeedback",
+    "Blocks",
+    "Buffer",
+    "ClockReport",
+    "Direction",
+    "Distribution",
+    "Event",
+    "EventKind",
+    "Feedback",
+    "Grant",
+    "Host",
+    "Monitor",
+    "Move",
+    "MoveState",
+    "Path",
+    "PathFeedback",
+    "PathState",
+    "Progress",
+    "Target",
+    "Timing",
+]

@@ -11,7 +11,7 @@ from enum import IntEnum
 from typing import Any
 
 from sjerk._binding import ffi, lib
-from sjerk.cia402 import State as DriveState
+from sjerk.cia402 import DriveState
 from sjerk.cycle.states import AxisState
 from sjerk.host.timing import ClockReport, Distribution, Timing
 from sjerk.profile import Limits
@@ -20,16 +20,25 @@ from sjerk.profile import Limits
 class PathState(IntEnum):
     """What a path in the kernel does, or what has become of it."""
 
-    SENT = lib.SJ_PATH_NONE
-    RUNS = lib.SJ_PATH_RUNS
-    PAUSED = lib.SJ_PATH_PAUSED
-    STARVES = lib.SJ_PATH_STARVES
-    STOPS = lib.SJ_PATH_STOPS
-    DONE = lib.SJ_PATH_DONE
-    STOPPED = lib.SJ_PATH_STOPPED
-    LEFT = lib.SJ_PATH_LEFT
-    REFUSED = 8
-    SUPERSEDED = 9
+    SENT = lib.SJ_PATH_NONE  #: The kernel has not answered yet.
+    RUNS = lib.SJ_PATH_RUNS  #: The axes move along the path.
+    PAUSED = lib.SJ_PATH_PAUSED  #: The axes rest on the path: a pause, a feed hold, or speed 0.
+    STARVES = lib.SJ_PATH_STARVES  #: The axes stop or rest on the path, because segments are late.
+    STOPS = lib.SJ_PATH_STOPS  #: The axes come to rest on the path, and the rest of it is dropped.
+    DONE = lib.SJ_PATH_DONE  #: The command is on the last way-point.
+    STOPPED = lib.SJ_PATH_STOPPED  #: The axes rest on the path, and the rest of it is dropped.
+    LEFT = lib.SJ_PATH_LEFT  #: A quick stop, a goal, or late segments took the axes off the path.
+    REFUSED = 8  #: The kernel did not accept the path.
+    SUPERSEDED = 9  #: Another path or goal took its place.
+
+    @property
+    def ended(self) -> bool:
+        """Whether this state is the last one of a path.
+
+        >>> [state.name for state in PathState if state.ended]
+        ['DONE', 'STOPPED', 'LEFT', 'REFUSED', 'SUPERSEDED']
+        """
+        return self >= PathState.DONE
 
 
 @dataclass(frozen=True)
@@ -150,57 +159,6 @@ def limits_of(raw: Any, T: float) -> Limits:
         deceleration_jerk=own.deceleration_jerk / T**3,
         position=None if free else (raw.position_min, raw.position_max),
     )
-
-
-class EventKind(IntEnum):
-    """What an event is about; ``Event.code`` and ``Event.value`` depend on it."""
-
-    GOAL = lib.SJ_EVENT_GOAL
-    STATE = lib.SJ_EVENT_STATE
-    HOST = lib.SJ_EVENT_HOST
-    SPOILT = lib.SJ_EVENT_SPOILT
-    FAULT = lib.SJ_EVENT_FAULT
-    FOLLOWING = lib.SJ_EVENT_FOLLOWING
-    LATE = lib.SJ_EVENT_LATE
-    ANCHOR = lib.SJ_EVENT_ANCHOR
-    LIMITS = lib.SJ_EVENT_LIMITS
-    PATH = lib.SJ_EVENT_PATH
-    REACHED = lib.SJ_EVENT_REACHED
-    SYNC = lib.SJ_EVENT_SYNC
-
-
-@dataclass(frozen=True)
-class Event:
-    """Something that happened in a cycle of the kernel.
-
-    ``axis`` is None for all. ``code``: of a goal or of limits the ``enum sj_result``, of a state
-    the new ``AxisState``, of a path the new ``PathState``, of a fault the drive's 603Fh (-1: homing
-    failed). ``value``: the state before, the way-point ahead, the following error (axis unit), or
-    how many cycles were late. REACHED: in the frame ``cycle`` all axes of ``goal_id`` are on their
-    goals, to the last bit.
-    """
-
-    cycle: int
-    kind: EventKind
-    axis: int | None
-    code: int
-    value: float
-    goal_id: int
-
-    def __str__(self) -> str:
-        where = "" if self.axis is None else f" axis {self.axis}"
-        what = str(self.code)
-        if self.kind is EventKind.STATE:
-            what = AxisState(self.code).name
-        elif self.kind is EventKind.PATH:
-            what = PathState(self.code).name
-        return f"cycle {self.cycle}{where}: {self.kind.name} {what} {self.value:g}"
-
-    @classmethod
-    def of(cls, raw: Any) -> Event:
-        """Read a ``sj_kernel_event``."""
-        axis = None if raw.axis < 0 else int(raw.axis)
-        return cls(raw.cycle, EventKind(raw.kind), axis, raw.code, raw.value, raw.goal_id)
 
 
 def _path_feedback(raw: Any, T: float) -> PathFeedback:

@@ -1,76 +1,149 @@
-"""The host's side of a kernel: what a caller can ask of it, checked before it is sent.
+"""The host of a kernel: what a caller can ask of it, checked before it is sent.
 
-Never here: how it is sent (``commander.py``), the cycle, the layout of the memory, bit masks of
-drives.
+Never here: how it is sent (``link.py``), the cycle, the layout of the memory, bit masks of drives.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+import time
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Self
 
 from sjerk._binding import ffi, lib
-from sjerk.errors import InputError, QueueFullError, real
-from sjerk.host.commander import Commander
-from sjerk.host.monitor import RECORDS
+from sjerk.errors import HostTakenError, InputError, QueueFullError, real
+from sjerk.handshake import Segment
+from sjerk.host.answers import refusal
+from sjerk.host.arguments import (
+    BUFFERS,
+    Axes,
+    Buffer,
+    Direction,
+    Target,
+    axis_numbers,
+    by_axis,
+    check_factor,
+    check_targets,
+    joint_axes,
+    lower_limits,
+    patience,
+    targets_of,
+    turned,
+)
+from sjerk.host.link import Link
+from sjerk.host.monitor import Observer
 from sjerk.host.move import Move
-from sjerk.host.path import Blocks, Path
-from sjerk.planner.planning import Synchronization, check_target, code_of, cycles_of
+from sjerk.host.path import Path, play
+from sjerk.host.path_records import Blocks
+from sjerk.host.reader import RECORDS, layout
+from sjerk.planner import Synchronization, check_target, code_of, cycles_of
 from sjerk.profile import Limits, State
 
-Target = float | State
-Axes = int | Iterable[int] | None
-Direction = Literal["direct", "shortest", "positive", "negative"]
-Buffer = Literal["aborting", "buffered", "blend low", "blend previous", "blend next", "blend high"]
 
-#: PLCopen's buffer modes by their names here.
-BUFFERS: dict[str, int] = {
-    "aborting": lib.SJ_BUFFER_ABORTING,
-    "buffered": lib.SJ_BUFFER_BUFFERED,
-    "blend low": lib.SJ_BUFFER_LOW,
-    "blend previous": lib.SJ_BUFFER_PREVIOUS,
-    "blend next": lib.SJ_BUFFER_NEXT,
-    "blend high": lib.SJ_BUFFER_HIGH,
-}
-
-
-def _patience(timeout: float | None) -> None:
-    """What cannot be waited for is refused before anything is sent; but a stop is always sent."""
-    if timeout is not None:
-        real("timeout", timeout)
-
-
-class Host(Commander):
+class Host(Observer):
     """The one host of a kernel: context manager, made by ``MotionKernel.host``.
 
     Leaving it is in order and stops nothing; a host that dies stops the motion.
+
+    >>> from sjerk import Axis, MotionKernel
+    >>> kernel = MotionKernel([Axis(Limits(90.0, 500.0, 5000.0), 2**24 / 360, "ideal")])
+    >>> with kernel.host() as host:
+    ...     host.enable()
+    ...     kernel.step(5)
+    ...     move = host.move(1.0)
+    ...     kernel.step(400)
+    ...     print(move.state.name, host.feedback().axes[0].position)
+    DONE 1.0
     """
 
-    def _chosen(self, axes: Axes) -> list[int]:
-        if axes is None:
-            return list(range(self._axes))
-        if not isinstance(axes, int | Iterable):
-            raise InputError("axes", axes, f"axis numbers are 0 .. {self._axes - 1}")
-        chosen = [axes] if isinstance(axes, int) else list(axes)
-        for i in chosen:
-            if not isinstance(i, int) or isinstance(i, bool) or not 0 <= i < self._axes:
-                raise InputError("axes", i, f"axis numbers are 0 .. {self._axes - 1}")
-        return chosen
+    def __init__(self, link: Link) -> None:
+        """Not for callers: ``MotionKernel.host``, or ``attach`` from another process."""
+        super().__init__(link)
+        self._link = link
 
-    def _joints(self, axes: Axes) -> list[int]:
-        """One axis per joint."""
-        chosen = self._chosen(axes)
-        if not chosen or len(set(chosen)) != len(chosen):
-            raise InputError("axes", chosen, "must be at least one, and differ")
-        return chosen
+    @classmethod
+    def attach(
+        cls,
+        name: str,
+        limits: Sequence[Limits] | None = None,
+        cycle_time: float | None = None,
+        *,
+        wait: float = 0.0,
+    ) -> Self:
+        """Become the host of the running kernel ``name`` from another process.
+
+        ``limits`` (one per axis) and ``cycle_time`` (s): what the caller takes for granted; the
+        kernel reports both. ``wait``: seconds to wait for a host that is about to leave.
+        Raises HandshakeError: no such kernel, another number of axes, another version, or a living
+        host; InputError: another cycle time.
+        """
+        expected = None
+        if limits is not None:
+            if isinstance(limits, Limits) or not all(isinstance(one, Limits) for one in limits):
+                raise InputError("limits", limits, "must be a list of one Limits per axis")
+            expected = layout(len(limits))
+        end = time.monotonic() + wait
+        while True:
+            try:
+                link = Link(Segment.attach(name, expected, role="host"), clocked=True)
+                break
+            except HostTakenError:
+                if time.monotonic() > end:
+                    raise
+                time.sleep(1e-3)
+        own = link.cycle_time
+        if cycle_time is not None and abs(own - cycle_time) > 1e-9 * own:
+            link.close()
+            raise InputError("cycle_time", cycle_time, f"the kernel's is {own!r}")
+        return cls(link)
+
+    @property
+    def link(self) -> Link:
+        """The exchanges with the kernel as they are, for programs that build on them."""
+        return self._link
+
+    @property
+    def cycle_time(self) -> float:
+        """Control cycle of the kernel, seconds."""
+        return self._link.cycle_time
+
+    @property
+    def axis_count(self) -> int:
+        """How many axes the kernel has."""
+        return self._link.axes
+
+    @property
+    def clocked(self) -> bool:
+        """Whether a process runs the cycle, so that waiting makes sense; else ``step`` does."""
+        return self._link.clocked
+
+    @property
+    def limits(self) -> tuple[Limits, ...]:
+        """The axes' own limits, by axis number, as the next goal is checked against them."""
+        return tuple(self._link.limits)
+
+    # ---- being watched
+
+    def watch(self, timeout: float | None) -> None:
+        """Let the kernel react when this host says nothing for so long (s); None: no longer.
+
+        A command, a reading, a wait, or ``beat`` is a sign of life; ``Reactions.host_silence`` is
+        what follows. For a kernel in its process. Raises InputError, SjerkError.
+        """
+        self._link.watch(timeout)
+
+    def beat(self) -> None:
+        """Give a sign of life, where a host that is watched has nothing else to say."""
+        self._link.beat()
+
+    # ---- power
 
     def enable(self, timeout: float | None = 5.0, *, axes: Axes = None) -> None:
         """Enable drives; returns when every one follows (at once in a caller's own loop)."""
-        _patience(timeout)
+        patience(timeout)
         chosen = self._enable(axes, 1)
-        if self._cyclic:
-            self._wait_until(
+        if self._link.clocked:
+            self._link.wait_until(
                 lambda frame: all(frame.axis[i].follows for i in chosen),
                 timeout,
                 "drives to follow",
@@ -79,34 +152,34 @@ class Host(Commander):
     def disable(self, timeout: float | None = 5.0, *, axes: Axes = None) -> None:
         """Disable drives, each once it is at rest."""
         chosen = self._enable(axes, 0)
-        if self._cyclic:
-            self._wait_until(
+        if self._link.clocked:
+            self._link.wait_until(
                 lambda frame: not any(frame.axis[i].enabled for i in chosen),
                 timeout,
                 "drives to rest",
             )
 
     def _enable(self, axes: Axes, level: int) -> list[int]:
-        chosen = self._chosen(axes)
-        with self._lock:
+        chosen = axis_numbers(axes, self.axis_count)
+        with self._link.lock:
             for i in chosen:
-                self._command.axis[i].enable = level
+                self._link.command.axis[i].enable = level
             if not level:
-                self._stopping(chosen)
-            self._publish()
+                self._link.stopping(chosen)
+            self._link.publish()
         return chosen
 
     def reset(self, *, axes: Axes = None, timeout: float | None = 5.0) -> None:
         """Reset the faults of drives, and the kernel's own errors, once.
 
-        A look-ahead ring that a wild writer has spoilt is emptied.
+        A corrupt look-ahead ring is emptied.
         """
-        _patience(timeout)
-        frame = self._read()
-        if frame is not None and frame.ring_spoilt:
-            lib.sj_ring_flush(self._segment.base)
-            self._flushed = lib.sj_ring_published(self._segment.base)
-        self._taken(self._count("resets", self._chosen(axes)), timeout, "the reset")
+        patience(timeout)
+        frame = self._link.read()
+        if frame is not None and frame.ring_corrupt:
+            self._link.flush()
+        number = self._link.count("resets", axis_numbers(axes, self.axis_count))
+        self._link.await_taken(number, timeout, "the reset")
 
     def halt(self, timeout: float | None = 30.0, *, axes: Axes = None) -> None:
         """Bring axes to rest within the limits of their moves; returns at rest.
@@ -126,18 +199,18 @@ class Host(Commander):
         """Bring each axis to rest as soon as its own stop limits allow.
 
         Goals are refused until then. ``together``: all of them as late as the slowest, where the
-        way to a goal and the limits allow.
+        distance to the goal and the limits allow.
         """
-        with self._lock:
-            for i in self._chosen(axes):
-                self._command.axis[i].together = bool(together)
+        with self._link.lock:
+            for i in axis_numbers(axes, self.axis_count):
+                self._link.command.axis[i].together = bool(together)
         self._stopped("quick_stops", axes, timeout)
 
     def _stopped(self, edge: str, axes: Axes, timeout: float | None) -> None:
-        chosen = self._chosen(axes)
-        sequence = self._count(edge, chosen)
-        if self._cyclic:
-            self._wait_until(
+        chosen = axis_numbers(axes, self.axis_count)
+        sequence = self._link.count(edge, chosen)
+        if self._link.clocked:
+            self._link.wait_until(
                 lambda frame: (
                     frame.sequence >= sequence and not any(frame.axis[i].moving for i in chosen)
                 ),
@@ -146,59 +219,55 @@ class Host(Commander):
             )
 
     def override(self, factor: float, timeout: float | None = 5.0) -> None:
-        """Scale the velocities of all motions, 0 .. 2; in motion too, within the axes' limits.
+        """Feed override: scale the velocities of all motions, 0 .. 2, in motion too.
 
         Goals are planned anew from the commanded state, so acceleration and jerk keep their limits;
-        no motion becomes faster than the axis or its goal allows. 0 waits as ``hold`` does.
+        no motion becomes faster than the axis or its goal allows. 0 waits as ``hold`` does. Raises
+        InputError.
         """
-        if not 0.0 <= real("factor", factor) <= 2.0:
-            raise InputError("factor", factor, "must lie in 0 .. 2")
-        _patience(timeout)
+        check_factor(factor)
+        patience(timeout)
         self._level("override", factor, timeout)
 
     def hold(self, timeout: float | None = 5.0) -> None:
-        """Come to rest on the way to the goals and keep them; ``resume`` goes on.
+        """Feed hold: come to rest before the goals and keep them; ``resume`` goes on.
 
-        Axes that are synchronised stay on the way that was planned, together; where one brakes at
+        Axes that are synchronised stay on the path that was planned, together; where one brakes at
         its limit already, that may be at the goal. A stop is ``halt`` or ``quick_stop``, not this.
         """
         self._level("hold", 1, timeout)
 
     def resume(self, timeout: float | None = 5.0) -> None:
         """Go on to the goals after ``hold``."""
-        _patience(timeout)
+        patience(timeout)
         self._level("hold", 0, timeout)
 
     def _level(self, name: str, value: float, timeout: float | None) -> None:
-        with self._lock:
-            setattr(self._command, name, value)
-            self._publish()
-            sequence = int(self._command.sequence)
-        self._taken(sequence, timeout, name)
+        with self._link.lock:
+            setattr(self._link.command, name, value)
+            sequence = self._link.publish()
+        self._link.await_taken(sequence, timeout, name)
 
     def set_limits(self, limits: Limits, *, axes: Axes = None, timeout: float | None = 5.0) -> None:
         """Give axes other limits from their next goal, jog or halt on; a motion keeps its own.
 
         Position limits stay those of the kernel. Raises RefusedError where the drive is slower.
         """
-        _patience(timeout)
-        chosen = self._chosen(axes)
-        with self._lock:
+        patience(timeout)
+        chosen = axis_numbers(axes, self.axis_count)
+        with self._link.lock:
             for i in chosen:
-                entry = self._command.axis[i]
-                rows = limits._per_cycle(self._T)
-                ffi.memmove(ffi.addressof(entry, "limits"), rows, len(rows))
+                entry = self._link.command.axis[i]
+                self._link.fill_limits(entry, limits)
                 entry.limit_sets = (entry.limit_sets + 1) % 2**32
-            self._publish()
-            sequence = int(self._command.sequence)
-        self._taken(sequence, timeout, "the limits")
-        frame = self._frame() if self._cyclic else None
+            sequence = self._link.publish()
+        self._link.await_taken(sequence, timeout, "the limits")
+        frame = self._link.frame() if self._link.clocked else None
         for i in chosen:
-            asked = self._command.axis[i].limits.velocity
+            asked = self._link.command.axis[i].limits.velocity
             if frame is not None and frame.axis[i].limits.velocity != asked:
-                code = lib.SJ_RESULT_SPEED
-                raise self._refusal(code, i)
-            self._limits[i] = replace(limits, position=self._limits[i].position)
+                raise refusal(lib.SJ_RESULT_SPEED, i)
+            self._link.limits[i] = replace(limits, position=self._link.limits[i].position)
 
     def move(
         self,
@@ -218,15 +287,15 @@ class Host(Commander):
         state, also during a motion, which the new goal replaces; the same goal under the same
         limits changes nothing. ``limits``: lower ones than the axes' own for this move, one for
         all its axes or by axis number, the rest at their own; position limits stay in force.
-        ``direction``: of axes that wrap, which way to a position within the turn.
+        ``direction``: of axes that wrap, in which direction to a position within the turn.
 
         ``buffer``, as in PLCopen: ``"aborting"`` replaces at once, and clears the queue of its
         axes; ``"buffered"`` begins in the cycle after the one before is done; a blend lets the one
         before pass its goal at the lower of both velocities, at its own (previous), at the new
-        one's (next), or at the higher, as far as both ways and limits allow. Relative: from the
-        goal before.
+        one's (next), or at the higher, as far as both distances and limits allow.
+        Relative: from the goal before.
 
-        Returns at once; the handle tells the rest. Raises InputError for what is no target, and
+        Returns at once; the handle shows the rest. Raises InputError for what is no target, and
         QueueFullError; a refusal by the kernel is raised by ``Move.wait``.
         """
         if buffer not in BUFFERS:
@@ -235,15 +304,14 @@ class Host(Commander):
             raise InputError("direction", direction, "a queued move has no place yet to turn from")
         if buffer.startswith("blend") and synchronization == "phase":
             raise InputError("synchronization", "phase", "begins and ends at rest, without a blend")
-        targets = self._targets(target)
-        code, least = code_of(synchronization), cycles_of(min_duration, self._T)
-        own = self._lower(limits, targets)
+        targets = targets_of(target, self.axis_count)
+        code, least = code_of(synchronization), cycles_of(min_duration, self.cycle_time)
+        own = lower_limits(limits, targets, self._link.limits)
         if direction != "direct":
-            targets = self._turned(targets, direction)
-        for i, goal in targets.items():
-            for within in (self._limits[i], own[i]):
-                free = replace(within, position=None) if relative else within
-                check_target(f"target[{i}]", goal, free)
+            frame = self._link.frame()
+            at = {i: float(frame.axis[i].position) for i in targets}
+            targets = turned(targets, direction, self._link.wraps, at)
+        check_targets(targets, self._link.limits, own, relative=relative)
         kind = lib.SJ_GOAL_RELATIVE if relative else lib.SJ_GOAL_ABSOLUTE
         if buffer != "aborting":
             return self._queue(kind, targets, own, code, least, BUFFERS[buffer])
@@ -261,11 +329,11 @@ class Host(Commander):
         caller's own loop; a source may yield None where its next block is not there yet. ``axes``:
         one per joint, else all in order. The path begins from rest at its first way-point (``move``
         there before) when the axes are at rest and no other path plays; what comes later for these
-        axes waits for its end. Returns at once; the handle tells the rest. Raises InputError, and
+        axes waits for its end. Returns at once; the handle shows the rest. Raises InputError, and
         what the source of the blocks raises at first; a refusal by the kernel is raised by
         ``Path.wait``.
         """
-        return Path(self, blocks, self._joints(axes))
+        return play(self._link, blocks, joint_axes(axes, self.axis_count))
 
     def jog(
         self,
@@ -273,15 +341,15 @@ class Host(Commander):
         *,
         limits: Limits | Mapping[int, Limits] | None = None,
     ) -> Move:
-        """Move with a velocity (axis unit / s) until told otherwise.
+        """Move with a velocity (axis unit / s) until another order comes.
 
         At a position limit it comes to rest; then the velocity is what whole cycles leave of it.
 
         One velocity for the one axis, one per axis, or by axis number; 0 brings to rest. The handle
         is never ``done``: ``cancel`` it, or give another goal. Raises InputError.
         """
-        wanted = self._by_axis("velocity", velocity)
-        own = self._lower(limits, wanted)
+        wanted = by_axis("velocity", velocity, self.axis_count)
+        own = lower_limits(limits, wanted, self._link.limits)
         targets = {i: State(0.0, real(f"velocity[{i}]", v)) for i, v in wanted.items()}
         for i, goal in targets.items():
             check_target(f"velocity[{i}]", goal, replace(own[i], position=None))
@@ -292,48 +360,28 @@ class Host(Commander):
 
         The handle is done when the drive has attained its home and follows again.
         """
-        chosen = self._chosen(axes)
+        chosen = axis_numbers(axes, self.axis_count)
         targets = {i: State(0.0) for i in chosen}
-        own = {i: self._limits[i] for i in chosen}
+        own = {i: self._link.limits[i] for i in chosen}
         return self._goal(lib.SJ_GOAL_HOME, targets, own, lib.SJ_SYNC_NONE, 0)
-
-    def _lower(
-        self, limits: Limits | Mapping[int, Limits] | None, axes: Iterable[int]
-    ) -> dict[int, Limits]:
-        """The limits of a goal by axis: the axes' own, or lower ones."""
-        own = {i: self._limits[i] for i in axes}
-        if limits is None:
-            return own
-        lower = limits if isinstance(limits, Mapping) else dict.fromkeys(own, limits)
-        for i, asked in lower.items():
-            if i not in own:
-                raise InputError("limits", i, f"the goal is of axes {', '.join(map(str, own))}")
-            if not isinstance(asked, Limits):
-                raise InputError("limits", asked, "must be a Limits")
-            for name in ("velocity", "acceleration", "jerk", "deceleration", "deceleration_jerk"):
-                value, most = getattr(asked, name), getattr(self._limits[i], name)
-                if value > most * (1 + 1e-12):
-                    raise InputError(f"limits.{name}", value, f"axis {i} has {most!r}")
-            own[i] = asked
-        return own
 
     def _goal(
         self, kind: int, targets: dict[int, State], own: dict[int, Limits], code: int, least: int
     ) -> Move:
-        with self._lock:
-            command = self._command
+        with self._link.lock:
+            command = self._link.command
             command.synchronization, command.least_cycles = code, least
-            for i in range(self._axes):
+            for i in range(self.axis_count):
                 entry = command.axis[i].goal
                 if i in targets:
-                    self._fill(entry, kind, targets[i], own[i])
+                    self._link.fill(entry, kind, targets[i], own[i])
                 else:
                     entry.kind = lib.SJ_GOAL_NONE
-            command.goal_id = self._next_goal()
-            self._replacing(int(command.goal_id), targets)
-            self._publish()
+            command.goal_id = self._link.next_goal()
+            self._link.replacing(int(command.goal_id), targets)
+            self._link.publish()
             known = kind == lib.SJ_GOAL_ABSOLUTE
-            return Move(self, int(command.goal_id), targets, known=known, limits=own)
+            return Move(self._link, int(command.goal_id), targets, known=known, limits=own)
 
     def _queue(
         self,
@@ -348,62 +396,12 @@ class Host(Commander):
         record.kind, record.mode = lib.SJ_RECORD_MOVE, mode
         record.synchronization, record.least_cycles = code, least
         for i, target in targets.items():
-            self._fill(record.axis[i].goal, kind, target, own[i])
-        with self._lock:
-            record.goal_id = self._next_goal()
-            number = self._publish_records(record, 1)
+            self._link.fill(record.axis[i].goal, kind, target, own[i])
+        with self._link.lock:
+            record.goal_id = self._link.next_goal()
+            number = self._link.publish_records(record, 1)
         if not number:
             raise QueueFullError(RECORDS)
         known = kind == lib.SJ_GOAL_ABSOLUTE
-        return Move(self, int(record.goal_id), targets, known=known, number=number, limits=own)
-
-    def _fill(self, entry: Any, kind: int, target: State, limits: Limits) -> None:
-        entry.kind, entry.goal = kind, target.position
-        entry.goal_velocity = target.velocity * self._T
-        rows = limits._per_cycle(self._T)
-        ffi.memmove(ffi.addressof(entry, "limits"), rows, len(rows))
-
-    def _turned(self, targets: dict[int, State], direction: str) -> dict[int, State]:
-        """Goals of axes that wrap, by the way that is asked for."""
-        if direction not in ("shortest", "positive", "negative"):
-            raise InputError(
-                "direction", direction, "must be direct, shortest, positive or negative"
-            )
-        frame, found = self._frame(), {}
-        for i, goal in targets.items():
-            wrap, at = self._wraps[i], float(frame.axis[i].position)
-            if not wrap:
-                raise InputError("direction", direction, f"axis {i} does not wrap")
-            way = (goal.position - at) % wrap
-            if direction == "negative" or (direction == "shortest" and way > wrap / 2):
-                way -= wrap if way else 0.0
-            found[i] = replace(goal, position=at + way)
-        return found
-
-    def _by_axis(self, field: str, given: Any) -> dict[int, Any]:
-        """What is given by axis number, one per axis, or for the one axis."""
-        axes = self._axes
-        if isinstance(given, Mapping):
-            wanted: dict[int, Any] = dict(given)
-        elif isinstance(given, Sequence) and not isinstance(given, str):
-            if len(given) != axes:
-                raise InputError(field, given, f"must have one {field} per axis ({axes})")
-            wanted = dict(enumerate(given))
-        elif axes == 1:
-            wanted = {0: given}
-        else:
-            raise InputError(field, given, f"must be by axis number: {axes} axes")
-        for i in wanted:
-            if not isinstance(i, int) or not 0 <= i < axes:
-                raise InputError(field, i, f"axis numbers are 0 .. {axes - 1}")
-        if not wanted:
-            raise InputError(field, given, "must name at least one axis")
-        return wanted
-
-    def _targets(
-        self, target: Target | Sequence[Target] | Mapping[int, Target]
-    ) -> dict[int, State]:
-        return {
-            i: value if isinstance(value, State) else State(real(f"target[{i}]", value))
-            for i, value in self._by_axis("target", target).items()
-        }
+        goal_id = int(record.goal_id)
+        return Move(self._link, goal_id, targets, known=known, number=number, limits=own)

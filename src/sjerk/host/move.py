@@ -5,28 +5,29 @@ Never here: what is commanded, planning, the layout of the memory.
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import Generator, Mapping
 from enum import Enum
 from typing import Any
 
 from sjerk._binding import lib
 from sjerk.errors import MotionStoppedError, SupersededError
-from sjerk.host.commander import Commander
+from sjerk.host.answers import refusal
+from sjerk.host.arguments import exceeded
 from sjerk.host.feedback import limits_of
+from sjerk.host.link import Link
 from sjerk.profile import Limits, State
 
 
 class MoveState(Enum):
     """What has become of a move."""
 
-    SENT = "sent"
-    QUEUED = "queued"
-    MOVING = "moving"
-    DONE = "done"
-    STOPPED = "stopped"
-    SUPERSEDED = "superseded"
-    REFUSED = "refused"
+    SENT = "sent"  #: The kernel has not answered yet.
+    QUEUED = "queued"  #: The kernel has it, and waits for the move before.
+    MOVING = "moving"  #: The axes move to the goal.
+    DONE = "done"  #: The command has settled on the goal, or passed it for a queued move.
+    STOPPED = "stopped"  #: A stop ended it before the goal.
+    SUPERSEDED = "superseded"  #: A newer goal took its place.
+    REFUSED = "refused"  #: The kernel did not accept it.
 
 
 def _reached(axis: Any, goal: State, known: bool) -> bool:
@@ -38,11 +39,27 @@ _OPEN = (MoveState.SENT, MoveState.QUEUED, MoveState.MOVING)
 
 
 class Move:
-    """Handle of one commanded motion; ``await move`` does what ``wait`` does."""
+    """Handle of one commanded motion; ``await move`` does what ``wait`` does.
+
+    Positions in axis units. It knows what the kernel has answered by the goal's number, whatever
+    was commanded since.
+
+    >>> from sjerk import Axis, MotionKernel
+    >>> kernel = MotionKernel([Axis(Limits(90.0, 500.0, 5000.0), 2**24 / 360, "ideal")])
+    >>> host = kernel.host()
+    >>> host.enable()
+    >>> kernel.step(5)
+    >>> move = host.move(1.0)
+    >>> move.state.name
+    'SENT'
+    >>> kernel.step(400)
+    >>> move.done, move.position
+    (True, {0: 1.0})
+    """
 
     def __init__(
         self,
-        host: Commander,
+        link: Link,
         goal_id: int,
         targets: dict[int, State],
         *,
@@ -57,7 +74,7 @@ class Move:
         """
         self._limits = limits or {}
         self._number = number
-        self._host = host
+        self._link = link
         self._goal_id = goal_id
         self._targets = targets
         self._known = known
@@ -68,21 +85,26 @@ class Move:
         return dict(self._targets)
 
     @property
+    def goal_id(self) -> int:
+        """Number of this goal in feedback and events."""
+        return self._goal_id
+
+    @property
     def state(self) -> MoveState:
         """What has become of it, by the newest feedback."""
-        return self._state(self._host._frame())
+        return self._state(self._link.frame())
 
     @property
     def position(self) -> dict[int, float]:
         """Commanded position by axis number, axis units."""
-        frame = self._host._frame()
+        frame = self._link.frame()
         return {i: float(frame.axis[i].position) for i in self._targets}
 
     def _state(self, frame: Any) -> MoveState:
-        host, queued = self._host, self._number > 0
+        answers, queued = self._link.answers, self._number > 0
         if not queued and frame.result_goal_id < self._goal_id:
             return MoveState.SENT
-        result = host._result(self._goal_id, frame)
+        result = answers.result(self._goal_id, frame)
         if result is None:
             if queued:
                 return self._unanswered()
@@ -93,7 +115,7 @@ class Move:
                 never[lib.SJ_RESULT_STOPPED] = MoveState.STOPPED
             return never.get(result[0], MoveState.REFUSED)
         axes = [frame.axis[i] for i in self._targets]
-        if host._was_reached(self._goal_id):
+        if answers.reached(self._goal_id):
             return MoveState.DONE
         if any(axis.goal_id > self._goal_id for axis in axes):
             return MoveState.SUPERSEDED
@@ -108,9 +130,9 @@ class Move:
 
     def _unanswered(self) -> MoveState:
         """Of a queued move that the kernel has not begun, and not refused."""
-        if self._number <= self._host._flushed:
+        if self._number <= self._link.flushed:
             return MoveState.STOPPED
-        taken = lib.sj_ring_taken(self._host._segment.base) >= self._number
+        taken = self._link.taken_records >= self._number
         return MoveState.QUEUED if taken else MoveState.SENT
 
     @property
@@ -120,19 +142,19 @@ class Move:
 
     def accepted(self, timeout: float | None = 5.0) -> None:
         """Return when the kernel has taken it; raises as ``wait`` does."""
-        self._host._wait_until(
+        self._link.wait_until(
             lambda frame: self._state(frame) not in (MoveState.SENT, MoveState.QUEUED),
             timeout,
             "an answer",
         )
-        self._raise()
+        self.check()
 
     def taken(self, timeout: float | None = 5.0) -> None:
         """Return when the kernel has it, moving or in its queue; raises as ``wait`` does."""
-        self._host._wait_until(
+        self._link.wait_until(
             lambda frame: self._state(frame) is not MoveState.SENT, timeout, "an answer"
         )
-        self._raise()
+        self.check()
 
     def cancel(self) -> None:
         """Halt the axes of this move, together; nothing if it is over or replaced.
@@ -141,9 +163,9 @@ class Move:
         its goal. Where it is already so near that it passes, it comes to rest behind it.
         """
         if self._number and self.state in (MoveState.SENT, MoveState.QUEUED):
-            self._host._cancel(self._number, self._targets)
+            self._link.cancel_from(self._number, self._targets)
         if self.state is MoveState.MOVING or (not self._number and self.state is MoveState.SENT):
-            self._host._count("halts", self._targets)
+            self._link.count("halts", self._targets)
 
     def wait(self, timeout: float | None = None) -> None:
         """Return when the command has settled on the goal.
@@ -152,38 +174,34 @@ class Move:
         (stopped on the way), KernelGoneError, TimeoutError.
         """
         where = ", ".join(f"{goal.position!r} (axis {i})" for i, goal in self._targets.items())
-        self._host._wait_until(
+        self._link.wait_until(
             lambda frame: self._state(frame) not in _OPEN, timeout, f"move to {where}"
         )
-        self._raise()
+        self.check()
 
     def _above(self, code: int, axis: int, frame: Any) -> str:
         """Which limit was asked for beyond the one that the axis has in the kernel."""
         asked = self._limits.get(axis)
         if code != lib.SJ_RESULT_LIMITS or asked is None:
             return ""
-        own = limits_of(frame.axis[axis], self._host._T)
-        for name in ("velocity", "acceleration", "jerk", "deceleration", "deceleration_jerk"):
-            value, most = getattr(asked, name), getattr(own, name)
-            if value > most * (1.0 + 1e-12):
-                return f"{name} {value:g}, it has {most:g}"
-        return ""
+        own = limits_of(frame.axis[axis], self._link.cycle_time)
+        above = exceeded(asked, own)
+        return "" if above is None else "{} {:g}, it has {:g}".format(*above)
 
     def __await__(self) -> Generator[Any, None, None]:
         return self._settle().__await__()
 
     async def _settle(self) -> None:
-        while self.state in _OPEN:
-            self._host._alive("a move")
-            await asyncio.sleep(1e-3)
-        self._raise()
+        await self._link.until(lambda: self.state not in _OPEN, "a move")
+        self.check()
 
-    def _raise(self) -> None:
-        frame = self._host._frame()
+    def check(self) -> None:
+        """Raise what ``wait`` would, where the move has ended otherwise than on its goal."""
+        frame = self._link.frame()
         state = self._state(frame)
         if state is MoveState.REFUSED:
-            code, axis = self._host._result(self._goal_id, frame) or (0, -1)
-            raise self._host._refusal(code, axis, self._above(code, axis, frame))
+            code, axis = self._link.answers.result(self._goal_id, frame) or (0, -1)
+            raise refusal(code, axis, self._above(code, axis, frame))
         if state is MoveState.SUPERSEDED:
             raise SupersededError(self.position)
         if state is MoveState.STOPPED:

@@ -14,7 +14,7 @@ from sjerk._binding import lib
 
 @dataclass(frozen=True)
 class Grant:
-    """What became of one wish: ``asked``, ``granted``, and ``reason`` where it was not in full."""
+    """One request to the system: ``asked``, ``granted``, and ``reason`` where not in full."""
 
     asked: str
     granted: bool

@@ -14,6 +14,8 @@
 #include <stdio.h>     /* the system's real-time share, read before the loop */
 #include <sys/mman.h>  /* mlock */
 #include <time.h>
+#include "cycle/_cycle.h"
+#include "cycle/_goals.h"
 #include "kernel/_clock.h"
 
 enum { SECOND_NS = 1000000000, SUB_BUCKETS = 16, FIRST_NS = 64 };

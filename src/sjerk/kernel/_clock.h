@@ -7,7 +7,6 @@
  * copy: of as many axes, with a segment of its own. */
 void     sj_kernel_rehearse(const sj_kernel *kernel, sj_kernel *copy);
 
-
 /* Cycles in virtual time from now_ns on; `frames` (one each, back to back) may be NULL. */
 void     sj_virtual_run(sj_kernel *kernel, int64_t cycles, uint64_t now_ns, uint64_t period_ns,
                         void *frames);
@@ -16,9 +15,8 @@ void     sj_virtual_run(sj_kernel *kernel, int64_t cycles, uint64_t now_ns, uint
 int64_t  sj_virtual_replay(sj_kernel *kernel, int64_t cycles, const void *frames,
                            int64_t command_count, const void *commands, int64_t record_count,
                            const void *records);
-/* A drive without mechanics: its state machine by the words, its position the target's. */
 
-/* Ask the system for what `options` says, for the calling thread; `report` tells what it gave. */
+/* Ask the system for what `options` says, for the calling thread; `report` says what it gave. */
 void     sj_clock_prepare(const sj_kernel *kernel, uint64_t bytes, const sj_clock_options *options,
                           sj_clock_report *report);
 /* copy: for rehearsals, or NULL for none. */

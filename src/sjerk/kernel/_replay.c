@@ -1,10 +1,12 @@
 /* Virtual time: the same cycle as in a process, by a script or from a recording, without a clock.
  *
- * Also the drive without mechanics. Never here: anything that a cycle decides.
+ * Never here: anything that a cycle decides.
  */
 #include <stddef.h>
 #include <stdint.h>
 #include <string.h> /* memcmp of frames */
+#include "cycle/_cycle.h"
+#include "cycle/_trace_items.h"
 #include "kernel/_clock.h"
 
 /* ---- by a script ---- */
@@ -73,31 +75,4 @@ int64_t sj_virtual_replay(sj_kernel *kernel, int64_t cycles, const void *frames,
     }
     kernel->given = (sj_trace_given){0};
     return i;
-}
-
-/* ---- the drive without mechanics ---- */
-
-void sj_ideal_cycle(sj_drive *drive, const sj_drive_rx *rx, sj_drive_tx *tx)
-{
-    const sj_drive_input input = {.controlword = rx->controlword, .previous = drive->controlword,
-                                  .quick_stop_option = 2, .power = 1, .standing = 1};
-    const int32_t before = drive->state;
-    uint32_t ran = 0;
-    int follows;
-
-    drive->state = sj_drive_next(before, &input, &ran);
-    drive->controlword = rx->controlword;
-    /* the master sees where the axis is before its targets count */
-    follows = drive->state == SJ_STATE_OPERATION_ENABLED && before == drive->state &&
-              rx->mode == drive->mode;
-    drive->mode = rx->mode;
-    tx->velocity_actual = 0;
-    if (follows && drive->mode == SJ_MODE_CSP) {
-        int64_t way = (int64_t)rx->target_position - tx->position_actual;
-        tx->velocity_actual = (int32_t)((double)way / drive->config.period_s);
-        tx->position_actual = rx->target_position;
-    }
-    tx->mode_display = (int8_t)drive->mode;
-    tx->statusword = (uint16_t)(sj_drive_state_bits(drive->state) | SJ_SW_VOLTAGE |
-                                (follows ? SJ_SW_FOLLOWS | SJ_SW_TARGET_REACHED : 0));
 }

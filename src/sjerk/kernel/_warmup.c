@@ -3,11 +3,12 @@
  *
  * A processor that has slept has forgotten code, addresses and the outcomes of branches; the copy takes
  * the branches that the cycle will take, but for what comes from outside in between: goals, records,
- * motions that are led along a path. Never here: decisions, time, memory of its own.
+ * motions that are driven by a path. Never here: decisions, time, memory of its own.
  */
 #include <stddef.h>
 #include <stdint.h>
 #include <string.h> /* memcpy of the state */
+#include "cycle/_cycle.h"
 #include "dpram/_dpram.h"
 #include "kernel/_clock.h"
 #include "base/_simd.h"  /* fetching ahead */
@@ -18,9 +19,9 @@ static void fetch_all(const sj_kernel *kernel)
     fetch(kernel, offsetof(sj_kernel, item));
     fetch(&kernel->reaction, sizeof kernel->reaction);
     fetch(&kernel->feedback.cycle, sj_feedback_bytes(n) - sj_feedback_times());
-    fetch(&kernel->ahead, offsetof(sj_ahead, held));
+    fetch(&kernel->lookahead, offsetof(sj_lookahead, waiting));
     fetch(&kernel->path, offsetof(sj_path, axis));
-    fetch(&kernel->paced, offsetof(sj_paced, axis));
+    fetch(&kernel->feed_hold, offsetof(sj_feed_hold, axis));
     fetch(kernel->rx, (size_t)n * sizeof kernel->rx[0]);
     fetch(kernel->tx, (size_t)n * sizeof kernel->tx[0]);
     fetch(kernel->stale, (size_t)n * sizeof kernel->stale[0]);
@@ -30,8 +31,9 @@ static void fetch_all(const sj_kernel *kernel)
         fetch(ip, offsetof(sj_interpolator, legs));
         fetch(&ip->legs[ip->leg < ip->count ? ip->leg : 0], 2 * sizeof ip->legs[0]);
         if (!ax->config.external) {
-            fetch(&ax->drive, offsetof(sj_drive, plan));
-            fetch(&ax->drive.plan_left, sizeof ax->drive - offsetof(sj_drive, plan_left));
+            fetch(&ax->drive, offsetof(sj_drive, goal.plan));
+            fetch(&ax->drive.goal.plan_left,
+                  sizeof ax->drive - offsetof(sj_drive, goal.plan_left));
         }
         fetch(&ax->config, sizeof *ax - offsetof(sj_axis, config));
     }

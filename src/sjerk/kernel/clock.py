@@ -20,7 +20,7 @@ class Clock:
     sleeping, and rehearsing the cycle on a copy; capped so that the system never suspends a
     real-time thread. ``priority``: 1..99 of SCHED_FIFO, 0 for none. ``cpu``: the processor to stay
     on. ``lock_memory``: touch and lock what the cycle needs. Raises InputError. What was refused is
-    told by ``Feedback.timing.clock``; the cycle runs all the same.
+    reported by ``Feedback.timing.clock``; the cycle runs all the same.
 
     >>> Clock(spin_us=60.0, priority=80, cpu=1, lock_memory=True).priority
     80

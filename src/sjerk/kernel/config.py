@@ -13,8 +13,10 @@ from typing import Any
 
 from sjerk.cia402 import DriveConfig, DriveConfigError
 from sjerk.errors import ConfigError, InputError
+from sjerk.kernel.axis import Axis
 from sjerk.kernel.clock import Clock
-from sjerk.kernel.kernel import Axis, MotionKernel, Reactions
+from sjerk.kernel.kernel import MotionKernel
+from sjerk.kernel.reactions import Reactions
 from sjerk.profile import Limits
 
 
@@ -37,7 +39,7 @@ class _Place:
                 raise self.error(key, value, f"unknown; known are {', '.join(names)}")
 
     def make(self, kind: Callable[..., Any], required: tuple[str, ...], values: Any) -> Any:
-        """Construct ``kind``; its own complaint is told with the place."""
+        """Construct ``kind``; its own complaint is raised with the place."""
         for name in required:
             if name not in values:
                 raise self.error(name, None, "is missing")

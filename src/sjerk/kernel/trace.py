@@ -1,7 +1,7 @@
 """The trace of a kernel: what each of its cycles took and gave, as arrays.
 
-A segment beside the kernel's own, of the same handshake: items in its event ring, the kernel's
-description as its one feedback frame. Whoever reads it needs no lock and disturbs nobody. Never
+A segment next to the kernel's own, of the same handshake: items in its event ring, the kernel's
+description as its one feedback frame. A reader needs no lock and disturbs nobody. Never
 here: files, motion.
 """
 
@@ -17,7 +17,7 @@ from typing import Any, Literal, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from sjerk._binding import ffi, lib
+from sjerk._binding import dtype_of, ffi, lib
 from sjerk.errors import SegmentLayoutError, SegmentNotReadyError
 from sjerk.handshake import TRACE, Layout, Segment
 
@@ -57,50 +57,22 @@ def touch(segment: Segment) -> None:
 # ---- layouts -------------------------------------------------------------------------------------
 
 
-def dtype_of(name: str) -> np.dtype[Any]:
-    """The structured dtype of a C struct."""
-    return _dtype(ffi.typeof(name))
-
-
-def _dtype(kind: Any, last: int | None = None) -> np.dtype[Any]:
-    """``last``: how many elements the array at the end of a struct has."""
-    if kind.kind == "array":
-        return np.dtype((_dtype(kind.item), (kind.length if last is None else last,)))
-    if kind.kind == "struct":
-        members = kind.fields
-        formats = [_dtype(f.type, last if n == members[-1][0] else None) for n, f in members]
-        size = ffi.sizeof(kind)
-        if last is not None:
-            size = members[-1][1].offset + formats[-1].itemsize
-        return np.dtype(
-            {
-                "names": [n for n, _ in members],
-                "formats": formats,
-                "offsets": [f.offset for _, f in members],
-                "itemsize": size,
-            }
-        )
-    if kind.cname in ("double", "char"):
-        return np.dtype("f8" if kind.cname == "double" else "S1")
-    return np.dtype(f"{'u' if kind.cname.startswith('u') else 'i'}{ffi.sizeof(kind)}")
-
-
 @cache
 def frame_dtype(axes: int) -> np.dtype[Any]:
     """One ``sj_trace_frame`` of so many axes."""
-    return _dtype(ffi.typeof("sj_trace_frame"), axes)
+    return dtype_of("sj_trace_frame", last=axes)
 
 
 @cache
 def command_dtype(axes: int) -> np.dtype[Any]:
     """One ``sj_command`` of so many axes."""
-    return _dtype(ffi.typeof("sj_command"), axes)
+    return dtype_of("sj_command", last=axes)
 
 
 @cache
 def record_dtype(axes: int) -> np.dtype[Any]:
     """One ``sj_record`` of so many axes."""
-    return _dtype(ffi.typeof("sj_record"), axes)
+    return dtype_of("sj_record", last=axes)
 
 
 @cache
@@ -186,7 +158,10 @@ class Chunk:
 
 
 class Trace:
-    """A reader of the trace of one kernel, from the oldest item that is still kept."""
+    """A reader of the trace of one kernel, from the oldest items that are kept.
+
+    Of a full trace the oldest eighth is left out: the kernel may overwrite it before it is read.
+    """
 
     def __init__(self, segment: Segment, axes: int, text: bytes) -> None:
         """Not for callers: ``attach`` or ``of``."""
@@ -197,11 +172,12 @@ class Trace:
         self._room = max(64, 2**22 // self._bytes)
         self._buffer = np.empty((self._room, self._bytes), np.uint8)
         self._into = ffi.from_buffer("char[]", self._buffer)
-        self._cursor = ffi.new("uint64_t *", 0)
+        kept = segment.layout.event_capacity * 7 // 8
+        oldest = max(0, int(lib.sj_event_latest(segment.base)) - kept)
+        self._cursor = ffi.new("uint64_t *", oldest)
         self._missed = ffi.new("uint64_t *", 0)
         self._rest = np.empty((0, self._bytes), np.uint8)
         self._lost = 0
-        self._begun = False
 
     @classmethod
     def attach(cls, name: str) -> Self:
@@ -246,8 +222,7 @@ class Trace:
                 self.segment.base, self._cursor, self._missed, self._room, self._into
             )
         )
-        lost = int(self._missed[0] - before) if self._begun else 0
-        self._begun = self._begun or found > 0
+        lost = int(self._missed[0] - before)
         if found == 0:
             return None
         # a loss lies before the last item that was drained
@@ -268,7 +243,7 @@ class Trace:
         return chunk
 
     def messages(self) -> list[Chunk]:
-        """Of a trace without frames: what was told since the last call."""
+        """Of a trace without frames: what came since the last call."""
         found = []
         while n := self.segment.check(
             lib.sj_trace_drain(
@@ -282,9 +257,9 @@ class Trace:
 
     def _chunk(self, items: NDArray[np.uint8], kinds: NDArray[np.int32], ends: Any) -> Chunk:
         frames = np.ascontiguousarray(items[ends, : lib.sj_trace_frame_bytes(self.axes)])
-        told = np.ascontiguousarray(items[kinds == lib.SJ_TRACE_EVENT])
+        rows = np.ascontiguousarray(items[kinds == lib.SJ_TRACE_EVENT])
         head = ffi.sizeof("sj_trace_head")
-        event = np.ascontiguousarray(told[:, head : head + event_dtype().itemsize])
+        event = np.ascontiguousarray(rows[:, head : head + event_dtype().itemsize])
         return Chunk(
             frames.view(frame_dtype(self.axes))[:, 0],
             np.zeros(len(frames), np.uint64),

@@ -1,47 +1,42 @@
 /* Planning requests as callers have them: between samples, for several axes, for many.
  *
- * The half-cycle lemma turns samples into the plan's states; _profile.c plans. Here is how axes share
+ * The half-cycle lemma turns samples into the plan's states; _plan.c and _duration.c plan. Here is how axes share
  * a motion: each for itself, all in the same cycle, or all in the same phases. Pure, no allocation.
  */
-#include <math.h>   /* fabs, fmin */
+#include <math.h>   /* INFINITY, isinf */
 #include <stddef.h>
 #include <stdint.h>
 #include "planner/_planner.h"
+#include "base/_limits.h" /* one profile for all axes */
 #include "base/_continuous.h" /* from samples to the continuous motion, exactly */
 
 /* From sample to sample, no jerk before the start; SI units of time, limits per cycle. The lemma in
  * plain doubles: what that rounds is far below what the interpolator takes out exactly. */
-static sj_request between(double T, const sj_state *from, const sj_state *to)
+static sj_request request_between(double T, const sj_state *from, const sj_state *to)
 {
     double v = from->velocity * T, a = from->acceleration * T * T, v1 = to->velocity * T;
     return (sj_request){(to->position - from->position) - 0.5 * (v1 + v) + a / 12.0,
                         v + 0.5 * a, a, v1};
 }
 
-/* Rest to rest on a straight line: one profile of the way from 0 to 1 under the limits that the
+/* Rest to rest on a straight line: one profile of the line from 0 to 1 under the limits that the
  * tightest axis leaves, scaled to each axis. 1 if it could be done. */
 static int32_t in_phase(int32_t n, const sj_request *request, const sj_limits *limits,
                         int64_t least_cycles, sj_plan *plans, int32_t *status)
 {
-    sj_limits way = {INFINITY, INFINITY, INFINITY, INFINITY, INFINITY};
+    sj_limits line = {INFINITY, INFINITY, INFINITY, INFINITY, INFINITY};
     sj_plan plan;
     for (int32_t i = 0; i < n; i++) {
-        double h = fabs(request[i].distance);
         if (request[i].v0 != 0.0 || request[i].a0 != 0.0 || request[i].v1 != 0.0)
             return 0;
-        if (h == 0.0)
-            continue;
-        way.velocity = fmin(way.velocity, limits[i].velocity / h);
-        way.acceleration = fmin(way.acceleration, limits[i].acceleration / h);
-        way.jerk = fmin(way.jerk, limits[i].jerk / h);
-        way.deceleration = fmin(way.deceleration, limits[i].deceleration / h);
-        way.deceleration_jerk = fmin(way.deceleration_jerk, limits[i].deceleration_jerk / h);
+        if (request[i].distance != 0.0)
+            limits_narrow(&line, &limits[i], request[i].distance);
     }
-    if (isinf(way.velocity))
+    if (isinf(line.velocity))
         return 0; /* nothing moves */
-    *status = sj_plan_move(1.0, 0.0, 0.0, 0.0, &way, &plan);
+    *status = sj_plan_move(1.0, 0.0, 0.0, 0.0, &line, &plan);
     if (*status == SJ_PLAN_OK && plan.cycles < least_cycles)
-        *status = sj_plan_duration(1.0, 0.0, 0.0, 0.0, &way, least_cycles, &plan);
+        *status = sj_plan_duration(1.0, 0.0, 0.0, 0.0, &line, least_cycles, &plan);
     for (int32_t i = 0; i < n && *status == SJ_PLAN_OK; i++) {
         plans[i] = plan;
         for (int32_t k = 0; k < plan.count; k++)
@@ -50,8 +45,8 @@ static int32_t in_phase(int32_t n, const sj_request *request, const sj_limits *l
     return 1;
 }
 
-static int32_t each_for_itself(int32_t n, const sj_request *request, const sj_limits *limits,
-                               int64_t least_cycles, sj_plan *plans)
+static int32_t plan_each(int32_t n, const sj_request *request, const sj_limits *limits,
+                         int64_t least_cycles, sj_plan *plans)
 {
     for (int32_t i = 0; i < n; i++) {
         const sj_request *r = &request[i];
@@ -59,7 +54,7 @@ static int32_t each_for_itself(int32_t n, const sj_request *request, const sj_li
         if (status == SJ_PLAN_OK && plans[i].cycles < least_cycles) {
             status = sj_plan_duration(r->distance, r->v0, r->a0, r->v1, &limits[i], least_cycles,
                                       &plans[i]);
-            if (status == SJ_PLAN_BLOCKED) /* holds the next length that works */
+            if (status == SJ_PLAN_BLOCKED) /* holds the next duration that works */
                 status = SJ_PLAN_OK;
         }
         if (status != SJ_PLAN_OK)
@@ -79,7 +74,7 @@ int32_t sj_plan_axes(int32_t n, const sj_request *request, const sj_limits *limi
         *synchronization = SJ_SYNC_TIME;
     }
     if (*synchronization == SJ_SYNC_NONE || n == 1)
-        return each_for_itself(n, request, limits, least_cycles, plans);
+        return plan_each(n, request, limits, least_cycles, plans);
     return sj_plan_together(n, request, limits, least_cycles, plans);
 }
 
@@ -96,7 +91,7 @@ int32_t sj_plan_samples(int32_t n, double cycle_time_s, const void *states, cons
     for (int32_t i = 0; i < n; i++) {
         if (end[i].acceleration != 0.0)
             return SJ_PLAN_INVALID;
-        request[i] = between(cycle_time_s, &start[i], &end[i]);
+        request[i] = request_between(cycle_time_s, &start[i], &end[i]);
         per_cycle[i] = (sj_limits){limit[i].velocity * one->velocity,
                                    limit[i].acceleration * one->acceleration,
                                    limit[i].jerk * one->jerk,
@@ -111,7 +106,7 @@ int32_t sj_plan_sample(double cycle_time_s, const void *from, const void *to, co
                        sj_plan *plan)
 {
     const sj_state *end = to;
-    sj_request r = between(cycle_time_s, from, end);
+    sj_request r = request_between(cycle_time_s, from, end);
     if (end->acceleration != 0.0)
         return SJ_PLAN_INVALID;
     return sj_plan_move(r.distance, r.v0, r.a0, r.v1, limits, plan);
@@ -149,7 +144,7 @@ static sj_state row_state(const double *row, int64_t columns)
 
 /* n independent axes: requests in rows of 1 to 3 columns (position, velocity, acceleration);
  * limits_step 0 for one Limits for all, 1 for one each. `phases` has room for SJ_PHASES of each, from
- * index `first` on. Stops at the first request that fails and tells its row. */
+ * index `first` on. Stops at the first request that fails; *failed is its row. */
 int32_t sj_plan_rows(int64_t n, double cycle_time_s, const double *from, int64_t from_columns,
                      const double *to, int64_t to_columns, const sj_limits *limits,
                      int64_t limits_step, sj_row *rows, sj_phase *phases, int64_t first,
@@ -159,7 +154,7 @@ int32_t sj_plan_rows(int64_t n, double cycle_time_s, const double *from, int64_t
         sj_plan plan;
         sj_state start = row_state(from + i * from_columns, from_columns);
         sj_state end = row_state(to + i * to_columns, to_columns);
-        sj_request r = between(cycle_time_s, &start, &end);
+        sj_request r = request_between(cycle_time_s, &start, &end);
         int32_t status = sj_plan_move(r.distance, r.v0, r.a0, r.v1, limits + i * limits_step,
                                       &plan);
         if (status != SJ_PLAN_OK) {

@@ -1,18 +1,21 @@
-/* Plans of a given length, and axes that arrive in the same cycle.
+/* Plans of a given duration, and axes that arrive in the same cycle.
 
-   A length that is longer than the shortest leaves the cruise velocity free: ramp, cruise, ramp at the
-   one that fits (by_cruise_of), the mix of the extremes of that length (_mix.c), or, where nothing
-   else serves, a stop and a wait (_rescue.c). With a velocity at the target some lengths do not exist;
-   then the next one that does is told, and axes that wait for each other look again, SYNC_ROUNDS
-   times at most.
+   A duration that is longer than the shortest leaves the cruise velocity v free: ramp, cruise, ramp at
+   the one that fits,
+       h = p1(v) + v (n - t1(v) - t2(v)) + p2(v),
+   with t1, p1 and t2, p2 the time and distance of the two ramps (cruise_in_cycles); the convex
+   combination of the extremes of that duration (_convex.c); or, where nothing else serves, a stop
+   and a wait (_fallback.c). With a velocity at the target some durations do not exist: the status is
+   SJ_PLAN_BLOCKED and the plan is that of the next one that does. Axes that wait for each other
+   look again, SYNC_ROUNDS times at most.
 
-   Never here: the shortest plan (_profile.c), memory, clocks, statics, cycle time. */
-#include "_plan.h"
+   Never here: the shortest plan (_plan.c), memory, clocks, statics, cycle time. */
+#include "planner/_internal.h"
 
 /* ---- one axis ---- */
 
 /* Time and distance of the fastest ramp to velocity v, in continuous time. */
-static void ramp_to(const task *t, const family *u, const family *d, double v, double *time,
+static void ramp_extent(const task *t, const family *u, const family *d, double v, double *time,
     double *distance)
 {
     if (v >= u->vz) {
@@ -25,7 +28,7 @@ static void ramp_to(const task *t, const family *u, const family *d, double v, d
 }
 
 /* Exactly n cycles: ramp, cruise at the velocity that fits, ramp. */
-static int by_cruise_of(const task *t, double n, seven *s)
+static int cruise_in_cycles(const task *t, double n, seven *s)
 {
     task o = mirrored(t);
     family u = sj_family_of(t), d = sj_family_of(&o);
@@ -35,7 +38,7 @@ static int by_cruise_of(const task *t, double n, seven *s)
     double middle = 0.5 * (u.vz + t->v1);
     for (int i = 0; i < NEWTON_STEPS; i++) {
         double p1;
-        ramp_to(t, &u, &d, v, &t1, &p1);
+        ramp_extent(t, &u, &d, v, &t1, &p1);
         double x = fabs(v - t->v1);
         t2 = v >= t->v1 ? ramp_time(x, t->ad, t->jd) : ramp_time(x, t->au, t->ju);
         double t4 = n - t1 - t2, next, e = 0;
@@ -52,7 +55,7 @@ static int by_cruise_of(const task *t, double n, seven *s)
         if (hi - lo <= 1e-9 * t->vmax) break;
         v = next;
     }
-    double small = least(t->ju, t->jd);
+    double small = smaller_jerk(t);
     if (v >= u.vz) {
         double z = least(t->au, sqrt(most(0, v - u.vs) * t->ju));
         sj_ramp_counts(t->a0, v - t->v0, z, t->au, t->ju, t->a0 < 0 ? small : t->ju, &s->n1, &s->n2,
@@ -67,7 +70,7 @@ static int by_cruise_of(const task *t, double n, seven *s)
     sj_even_counts(x, least(a2, sqrt(x * j2)), a2, j2, &s->n5, &s->n6);
     s->n4 = 0;
     double rest = n - seven_cycles(s);
-    for (int i = 0; i < LENGTH_STEPS && rest >= 0; i++) {
+    for (int i = 0; i < DURATION_STEPS && rest >= 0; i++) {
         s->n4 = rest;
         if (sj_seven_fit(t, s)) return 1;
         /* a little longer ramps have room for a higher cruise velocity */
@@ -82,21 +85,21 @@ static int in_cycles(const task *t, double n, sj_plan *p)
     seven s;
     if (n < 0) return 0;
     if (n == 0) return t->h == 0 && t->v0 == t->v1 && t->a0 == 0;
-    if (by_cruise_of(t, n, &s)) { sj_seven_put(p, t, &s); p->kind = SJ_PLAN_CRUISE; return 1; }
+    if (cruise_in_cycles(t, n, &s)) { sj_seven_put(p, t, &s); p->kind = SJ_PLAN_CRUISE; return 1; }
     task pushed = sj_pushed_up(t);
     double nearest = -INFINITY;
     summit both[2] = {{0, 0, 0}, {0, 0, 0}};
-    return sj_mix(&pushed, n, &nearest, both, p);
+    return sj_convex(&pushed, n, &nearest, both, p);
 }
 
 /* Exactly `cycles`, more than the shortest plan, which *p holds. */
-static int32_t stretch(const task *origin, int64_t cycles, sj_plan *p)
+static int32_t plan_longer(const task *origin, int64_t cycles, sj_plan *p)
 {
     if ((double)cycles > LONGEST) return SJ_PLAN_TOO_LONG;
     task t = *origin;
     sj_plan q;
     sj_begin(&q);
-    int lands = sj_come_back(&t, &q), back = q.count > 0 ? SJ_PLAN_RETURN : 0;
+    int lands = sj_recover(&t, &q), back = q.count > 0 ? SJ_PLAN_RECOVERY : 0;
     sj_plan head = q;
     if (in_cycles(&t, (double)(cycles - head.cycles), &q)
         && (lands || !sj_leaves_velocity(&t, &q, head.cycles))) {
@@ -105,7 +108,7 @@ static int32_t stretch(const task *origin, int64_t cycles, sj_plan *p)
         return SJ_PLAN_OK;
     }
     if (!lands) {
-        sj_settle(&t, &head);
+        sj_cross_gently(&t, &head);
         q = head;
         if (in_cycles(&t, (double)(cycles - head.cycles), &q)) {
             *p = q;
@@ -120,8 +123,8 @@ static int32_t stretch(const task *origin, int64_t cycles, sj_plan *p)
     }
     *p = head;
     if (sj_by_stopping(&t, (double)cycles, p)) { p->kind += back; return SJ_PLAN_OK; }
-    /* blocked: the next length that works */
-    for (int64_t n = cycles + 1; n <= cycles + LENGTH_STEPS; n++) {
+    /* blocked: the next duration that works */
+    for (int64_t n = cycles + 1; n <= cycles + DURATION_STEPS; n++) {
         *p = head;
         if (in_cycles(&t, (double)(n - head.cycles), p)) { p->kind += back; return SJ_PLAN_BLOCKED; }
     }
@@ -138,29 +141,34 @@ int32_t sj_plan_duration(double h, double v0, double a0, double v1, const sj_lim
     if (status != SJ_PLAN_OK || p->cycles == cycles) return status;
     if (p->cycles > cycles) return SJ_PLAN_BLOCKED;
     task t = sj_task_of(h, v0, a0, v1, l);
-    status = stretch(&t, cycles, p);
+    status = plan_longer(&t, cycles, p);
     sj_note_scale(p, l);
     return status;
 }
 
-/* Where axes keep blocking each other: from its stop on an axis can take any length. */
-static int64_t after_every_stop(int32_t n, const sj_request *r, const sj_limits *l, int64_t cycles)
+/* ---- several axes ---- */
+
+/* Where axes keep blocking each other: from its stop on an axis can take any duration. */
+static int64_t stop_duration(int32_t n, const sj_request *r, const sj_limits *l, int64_t cycles)
 {
     for (int32_t i = 0; i < n; i++) {
         task t = sj_task_of(r[i].distance, r[i].v0, r[i].a0, r[i].v1, &l[i]);
         sj_plan q;
         sj_begin(&q);
-        if (!sj_come_back(&t, &q)) sj_settle(&t, &q);
+        if (!sj_recover(&t, &q)) sj_cross_gently(&t, &q);
         if (t.v1 != 0 && sj_by_stopping(&t, INFINITY, &q) && q.cycles > cycles) cycles = q.cycles;
     }
     return cycles;
 }
 
 /* Time that is enough, at a glance: to a stand, from rest to rest and on to the end velocity, all of it
-   under the tighter limits. Infinite for a start that has to come back first. */
-static double enough(const task *t)
+   under the smaller limits. From rest to rest over h, with q = A / J:
+       h / V + T(V)           where the velocity limit is reached, T = ramp_time
+       q + sqrt(q^2 + 4 h / A)    where the acceleration limit is,   else 4 (h / 2J)^(1/3).
+   Infinite for a start that needs a recovery. */
+static double sufficient_time(const task *t)
 {
-    double a = least(t->au, t->ad), j = least(t->ju, t->jd);
+    double a = smaller_acceleration(t), j = smaller_jerk(t);
     double lead = fabs(t->a0) / j, v = t->v0 + t->a0 * lead / 2;
     if (!(fabs(t->a0) <= a && most(fabs(t->v0), fabs(v)) <= t->vmax)) return INFINITY;
     double stop = ramp_time(fabs(v), a, j), go = ramp_time(fabs(t->v1), a, j);
@@ -173,14 +181,14 @@ static double enough(const task *t)
 
 /* Exactly `cycles` from a start within its limits, in seven phases: what nearly every axis needs that
    waits for a slower one. Leaves *p as it is where that does not serve. */
-static int at_once(const task *t, int64_t cycles, sj_plan *p)
+static int seven_in_cycles(const task *t, int64_t cycles, sj_plan *p)
 {
     task u = *t;
     sj_plan head;
     seven s;
     sj_begin(&head);
-    if ((double)cycles > LONGEST || !sj_come_back(&u, &head) || head.count > 0) return 0;
-    if (!by_cruise_of(&u, (double)cycles, &s)) return 0;
+    if ((double)cycles > LONGEST || !sj_recover(&u, &head) || head.count > 0) return 0;
+    if (!cruise_in_cycles(&u, (double)cycles, &s)) return 0;
     sj_begin(p);
     sj_seven_put(p, &u, &s);
     p->kind = SJ_PLAN_CRUISE;
@@ -192,8 +200,8 @@ static int at_once(const task *t, int64_t cycles, sj_plan *p)
 enum { SPARE = 8 };
 
 /* The axis that seems slowest is planned first. Of the others only those need a shortest plan that
-   may not be done by then; *p of the rest is of zero cycles. Sets the length. */
-static int32_t slowest(int32_t n, const sj_request *r, const sj_limits *l, int64_t *cycles,
+   may not be done by then; *p of the rest is of zero cycles. Sets *cycles. */
+static int32_t plan_slowest(int32_t n, const sj_request *r, const sj_limits *l, int64_t *cycles,
     sj_plan *p)
 {
     double time[SJ_AXES];
@@ -202,7 +210,7 @@ static int32_t slowest(int32_t n, const sj_request *r, const sj_limits *l, int64
     for (int32_t i = 0; i < n; i++) {
         if (!sj_valid(r[i].distance, r[i].v0, r[i].a0, r[i].v1, &l[i])) return SJ_PLAN_INVALID;
         task t = sj_task_of(r[i].distance, r[i].v0, r[i].a0, r[i].v1, &l[i]);
-        time[i] = enough(&t);
+        time[i] = sufficient_time(&t);
         if (time[i] > time[first]) first = i;
     }
     for (int32_t k = 0; k < n; k++) {
@@ -217,14 +225,14 @@ static int32_t slowest(int32_t n, const sj_request *r, const sj_limits *l, int64
 }
 
 /* One axis in so many cycles. *p: its plan so far, or of zero cycles: none is known. */
-static int32_t keep_up(const sj_request *r, const sj_limits *l, int64_t cycles, sj_plan *p)
+static int32_t plan_in_cycles(const sj_request *r, const sj_limits *l, int64_t cycles, sj_plan *p)
 {
     task t = sj_task_of(r->distance, r->v0, r->a0, r->v1, l);
     int32_t status = SJ_PLAN_OK;
-    if (p->cycles > cycles || !at_once(&t, cycles, p)) {
+    if (p->cycles > cycles || !seven_in_cycles(&t, cycles, p)) {
         if (p->cycles == 0 || p->cycles > cycles)
             return sj_plan_duration(r->distance, r->v0, r->a0, r->v1, l, cycles, p);
-        status = stretch(&t, cycles, p);
+        status = plan_longer(&t, cycles, p);
     }
     sj_note_scale(p, l);
     return status;
@@ -233,14 +241,14 @@ static int32_t keep_up(const sj_request *r, const sj_limits *l, int64_t cycles, 
 int32_t sj_plan_together(int32_t n, const sj_request *r, const sj_limits *l, int64_t cycles,
     sj_plan *p)
 {
-    int32_t status = slowest(n, r, l, &cycles, p);
+    int32_t status = plan_slowest(n, r, l, &cycles, p);
     if (status != SJ_PLAN_OK) return status;
     for (int round = 0; round < SYNC_ROUNDS; round++) {
         int blocked = 0;
-        if (round == SYNC_ROUNDS - 2) cycles = after_every_stop(n, r, l, cycles);
+        if (round == SYNC_ROUNDS - 2) cycles = stop_duration(n, r, l, cycles);
         for (int32_t i = 0; i < n && !blocked; i++) {
             if (p[i].cycles == cycles) continue;
-            status = keep_up(&r[i], &l[i], cycles, &p[i]);
+            status = plan_in_cycles(&r[i], &l[i], cycles, &p[i]);
             if (status != SJ_PLAN_OK && status != SJ_PLAN_BLOCKED) return status;
             if (status == SJ_PLAN_BLOCKED) { cycles = p[i].cycles; blocked = 1; }
         }

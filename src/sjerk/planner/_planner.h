@@ -3,25 +3,25 @@
 #include <stdint.h>
 #include "base/_types.h"
 
-/* The bound of the work of one plan: steps of any root, lengths tried in any search; and rounds of a
- * synchronisation. No recursion beyond one level, no allocation. */
-enum { SJ_ROOT_STEPS = 40, SJ_LENGTH_STEPS = 6, SJ_SYNC_ROUNDS = 10 };
+/* The bound of the work of one plan: steps of any root, durations tried in any search; and rounds of a
+ * synchronisation. No recursion, no allocation. */
+enum { SJ_ROOT_STEPS = 40, SJ_DURATION_STEPS = 6, SJ_SYNC_ROUNDS = 10 };
 
 enum sj_plan_status {
     SJ_PLAN_OK = 0,
     SJ_PLAN_INVALID = 1,                /* a number that is none, a limit <= 0, |v1| > velocity */
     SJ_PLAN_TOO_LONG = 2,               /* more than SJ_CYCLES_MAX cycles */
-    SJ_PLAN_BLOCKED = 3                 /* none of exactly this length; the plan is the next longer */
+    SJ_PLAN_BLOCKED = 3                 /* none of exactly this duration; the plan is the next longer */
 };
 
 enum sj_plan_kind {                     /* how it was found */
     SJ_PLAN_WAIT = 0,                   /* nothing to do, or waiting only */
     SJ_PLAN_CRUISE = 1,                 /* ramp, cruise, ramp: seven phases */
     SJ_PLAN_EASE = 2,                   /* braking eased for a while; no zero of the acceleration */
-    SJ_PLAN_MIX = 3,                    /* convex mix of a plan too short and one too far */
+    SJ_PLAN_CONVEX = 3,                 /* convex combination of a plan too short and one too far */
     SJ_PLAN_STOP = 4,                   /* stop first, then from rest: the last resort */
     SJ_PLAN_RAMP = 5,                   /* change of velocity only */
-    SJ_PLAN_RETURN = 8                  /* added: the start was outside its limits */
+    SJ_PLAN_RECOVERY = 8                /* added: the start was outside its limits */
 };
 
 /* From the continuous state (0, v0, a0) to (h, v1, 0), as soon as possible. */
@@ -43,15 +43,13 @@ typedef struct {
 int32_t sj_plan_together(int32_t n, const sj_request *requests, const sj_limits *limits,
                          int64_t cycles, sj_plan *plans);
 
-/* Requests between samples, for several axes and for many (_planning.c). */
+/* Requests between samples, for several axes and for many (_axes.c). */
 enum sj_synchronization {
     SJ_SYNC_NONE = 0,                   /* each axis as soon as it can */
     SJ_SYNC_TIME = 1,                   /* all axes arrive in the same cycle */
     SJ_SYNC_PHASE = 2                   /* the same phases: rest to rest on a straight line */
 };
 
-int32_t sj_plan_axes(int32_t n, const sj_request *request, const sj_limits *limits,
-                     int64_t least_cycles, int32_t *synchronization, sj_plan *plans);
 /* States and limits as memory of sj_state and sj_limits, since Python passes joined bytes: n starts and
  * n targets; n limits, and what one of each of their numbers is per cycle. */
 int32_t sj_plan_samples(int32_t n, double cycle_time_s, const void *states, const void *limits,
@@ -74,3 +72,8 @@ int32_t sj_plan_rows(int64_t n, double cycle_time_s, const double *from, int64_t
                      const double *to, int64_t to_columns, const sj_limits *limits,
                      int64_t limits_step, sj_row *rows, sj_phase *phases, int64_t first,
                      int64_t *failed);
+
+/* For C only. */
+
+int32_t sj_plan_axes(int32_t n, const sj_request *request, const sj_limits *limits,
+                     int64_t least_cycles, int32_t *synchronization, sj_plan *plans);

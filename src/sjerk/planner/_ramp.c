@@ -1,148 +1,20 @@
-/* Whole-cycle ramps, and plans under construction.
+/* Whole-cycle ramps: changes of velocity under one jerk limit.
 
    A ramp from (v0, a0) to (v, 0) in m cycles is the node sequence
        a_k = median(low_k, L, high_k),
        low_k = max(a0 - J k, -J (m - k)),  high_k = min(a0 + J k, J (m - k)),
    which changes by at most J a cycle for any real level L: minima and maxima of such sequences are
-   such sequences. The change of velocity grows with L, so m is the smallest length whose range
+   such sequences. The change of velocity grows with L, so m is the smallest duration whose range
    holds it. Where three phases (rise, hold, fall; the paper's T1-T3 with its one level, Eqs.
    9-13) fit the same m, they are used.
 
-   Never here: a distance to be met, a choice between ways (_profile.c). */
-#include "_plan.h"
-#include "base/_double_double.h" /* double-double sums */
-
-/* ---- the plan as it grows ---- */
-
-void sj_begin(sj_plan *p) { p->cycles = 0; p->count = 0; p->kind = SJ_PLAN_WAIT; }
-
-void sj_put(sj_plan *p, double n, double jerk)
-{
-    if (!(n > 0.0)) return;
-    p->cycles += (int64_t)n;
-    if (p->count > 0 && p->phase[p->count - 1].jerk == jerk) {
-        p->phase[p->count - 1].cycles += (int64_t)n;
-        return;
-    }
-    /* cannot be: the ways add up to fewer; kept for memory's sake */
-    if (p->count == SJ_PHASES) return;
-    p->phase[p->count].cycles = (int64_t)n;
-    p->phase[p->count].jerk = jerk;
-    p->count++;
-}
-
-void sj_append(sj_plan *p, const sj_plan *q)
-{
-    for (int i = 0; i < q->count; i++) sj_put(p, (double)q->phase[i].cycles, q->phase[i].jerk);
-}
-
-/* Velocity a piece of the motion reaches at most, in magnitude: n cycles from (v, a) to acceleration
-   b; at the end or where the acceleration crosses zero. */
-static double piece_peak(double v, double n, double a, double b)
-{
-    double end = fabs(v + n * (a + b) / 2);
-    return a * b < 0 ? most(end, fabs(v + n * a * a / (2 * (a - b)))) : end;
-}
-
-/* Whether the plan, from task t which begins after its first `used` cycles, leaves the velocity
-   limit. */
-int sj_leaves_velocity(const task *t, const sj_plan *p, int64_t used)
-{
-    double v = t->sign * t->v0, a = t->sign * t->a0;
-    for (int i = 0; i < p->count; i++) {
-        int64_t skipped = used < p->phase[i].cycles ? used : p->phase[i].cycles;
-        double n = (double)(p->phase[i].cycles - skipped), b = a + n * p->phase[i].jerk;
-        used -= skipped;
-        if (piece_peak(v, n, a, b) > t->vmax * (1 + 4 * SLACK)) return 1;
-        v += n * (a + b) / 2;
-        a = b;
-    }
-    return 0;
-}
-
-/* Acceleration after the plan so far, without drift. */
-static sj_exact plan_acceleration(double first, const sj_plan *p)
-{
-    sj_exact a = exact_of(first);
-    for (int i = 0; i < p->count; i++)
-        a = exact_add(a, exact_two_product(p->phase[i].jerk, (double)p->phase[i].cycles));
-    return a;
-}
-
-/* The task that remains after the plan so far; Eqs. (2), (3), (5) along its phases. */
-task sj_resume(const task *start, const sj_plan *p)
-{
-    task t = *start;
-    sj_exact h = exact_of(t.h), v = exact_of(t.v0), a = exact_of(t.a0);
-    for (int i = 0; i < p->count; i++) {
-        double n = (double)p->phase[i].cycles;
-        sj_exact change = exact_two_product(t.sign * p->phase[i].jerk, n);  /* of a */
-        sj_exact third = exact_add(exact_half(a), exact_divide(change, 6.0));
-        h = exact_subtract(h, exact_scale(exact_add(v, exact_scale(third, n)), n));
-        v = exact_add(v, exact_scale(exact_add(a, exact_half(change)), n));
-        a = exact_add(a, change);
-    }
-    t.h = h.hi; t.v0 = v.hi; t.a0 = a.hi;
-    return t;
-}
-
-/* A cruise multiplies what rounding left of the acceleration: a long one begins by taking it
-   out. */
-void sj_put_cruise(sj_plan *p, const task *t, double n)
-{
-    if (n >= 1024) {
-        double left = plan_acceleration(t->sign * t->first, p).hi;
-        if (left != 0) { sj_put(p, 1, -left); n -= 1; }
-    }
-    sj_put(p, n, 0);
-}
-
-/* ---- node paths: acceleration at whole cycles, straight between ---- */
-
-double sj_path_change(const path *x)
-{
-    double dv = 0;
-    for (int i = 1; i < x->count; i++) dv += (x->k[i] - x->k[i - 1]) * (x->a[i] + x->a[i - 1]) / 2;
-    return dv;
-}
-double sj_path_distance(const path *x, double v)
-{
-    double p = 0;
-    for (int i = 1; i < x->count; i++) {
-        double n = x->k[i] - x->k[i - 1], a = x->a[i - 1], b = x->a[i];
-        p += n * (v + n * (2 * a + b) / 6);
-        v += n * (a + b) / 2;
-    }
-    return p;
-}
-double sj_path_peak(const path *x, double v)
-{
-    double peak = fabs(v);
-    for (int i = 1; i < x->count; i++) {
-        double n = x->k[i] - x->k[i - 1], a = x->a[i - 1], b = x->a[i];
-        peak = most(peak, piece_peak(v, n, a, b));
-        v += n * (a + b) / 2;
-    }
-    return peak;
-}
-void sj_path_put(sj_plan *p, const path *x, const task *t)
-{
-    for (int i = 1; i < x->count; i++) {
-        double n = x->k[i] - x->k[i - 1], d = x->a[i] - x->a[i - 1];
-        if (x->a[i] == 0 && x->a[i - 1] == 0) sj_put_cruise(p, t, n);
-        else sj_put(p, n, t->sign * (d / n));
-    }
-}
-void sj_node(path *x, double k, double a)
-{
-    if (x->count > 0 && k <= x->k[x->count - 1]) return;
-    x->k[x->count] = k; x->a[x->count] = a; x->count++;
-}
-
-/* ---- ramps ---- */
+   Never here: a distance to be met, a choice between methods. */
+#include "planner/_internal.h"
 
 /* Velocity change of the ramp of m cycles with level `l`: from a0 at full jerk to l, held, at full
-   jerk to zero. */
+   jerk to zero. The sum of the nodes,
+       a0 / 2 + sum of a_k over 1 <= k < m,
+   with n1 nodes before the level and n3 behind it. */
 static double level_change(double a0, double m, double l, double j, double *n1, double *n3)
 {
     double d = l >= a0 ? j : -j, e = l >= 0 ? j : -j;
@@ -157,7 +29,7 @@ static double level_change(double a0, double m, double l, double j, double *n1, 
 int sj_ramp(double v0, double a0, double dv, double vmax, double au, double ad, double j, path *x)
 {
     x->count = 0;
-    /* change of velocity on the way to zero acceleration */
+    /* change of velocity until the acceleration is zero */
     double z = a0 * fabs(a0) / (2 * j);
     double t;
     if (dv >= z)
@@ -169,7 +41,7 @@ int sj_ramp(double v0, double a0, double dv, double vmax, double au, double ad, 
         if (dv == 0 && a0 == 0) { sj_node(x, 0, a0); return 1; }
         m = 1;
     }
-    for (int i = 0; i < LENGTH_STEPS; i++, m += 1) {
+    for (int i = 0; i < DURATION_STEPS; i++, m += 1) {
         double hi = least(au, (a0 + j * m) / 2), lo = most(-ad, (a0 - j * m) / 2), n1, n3;
         double room = 1e-13 * (fabs(dv) + fabs(z) + fabs(a0));
         double top = level_change(a0, m, hi, j, &n1, &n3);
@@ -193,7 +65,7 @@ int sj_ramp(double v0, double a0, double dv, double vmax, double au, double ad, 
             l = next;
         }
         n1 = whole(fabs(l - a0) / j); n3 = whole(fabs(l) / j);
-        /* three phases when they fit the same length */
+        /* three phases when they fit the same duration */
         double r1 = most(1, up(fabs(l - a0) / j)), r3 = most(1, up(fabs(l) / j)), r2 = m - r1 - r3;
         if (r2 >= 0 && vmax > 0) {
             double level = (dv - r1 * a0 / 2) / ((r1 + r3) / 2 + r2);
@@ -221,4 +93,3 @@ int sj_ramp(double v0, double a0, double dv, double vmax, double au, double ad, 
     }
     return 0;
 }
-

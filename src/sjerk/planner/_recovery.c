@@ -1,4 +1,4 @@
-/* The way back inside: a start outside its limits, or carried out of them by its acceleration, is
+/* Recovery: a start outside its limits, or carried out of them by its acceleration, is
    brought back as fast as jerk allows, with the least excess that whole cycles allow. And the
    acceleration brought to zero, which decides what "carried out" means.
 
@@ -7,21 +7,22 @@
    acceleration the other way, j - left, which has to be brought to zero in its turn. With the
    velocity limit w the crossing to take is the gentlest that keeps it, j = left^2 / 2(w - v): any
    other leaves both less room and more acceleration on the other side. So whether a start can keep
-   w is decided by following these crossings (can_turn), and the least w it can keep is the excess
-   that nobody avoids (least_limit); docs/explanation/planner.md has the proof.
+   w is decided by following these crossings (can_cross), and the least w it can keep is the excess
+   that nobody avoids (hardest_crossing); docs/explanation/planner.md has the proof.
 
    Only phases are laid down here; a cycle that crosses zero has the smaller of two jerks.
 
    Never here: a distance to be met, a target. */
-#include "_plan.h"
+#include "planner/_internal.h"
 
 /* Crossings of zero one after another. More than one are needed only where a cycle of acceleration is
    more than the velocity limit twice over; and each takes such a start nearly six times farther from
    those that swing for ever, so more than these are needed by one in 10^9. */
-enum { TURNS = 12 };
+enum { CROSSINGS = 12 };
 
 /* Where full jerk leads: after n cycles `left` of the acceleration, less than one cycle's jerk, at
-   velocity v; both with the sign of a0 taken out. */
+   velocity v; both with the sign of a0 taken out.
+       left = |a0| - n J,   v = v0 + n |a0| - n^2 J / 2 */
 typedef struct { double n, left, v; } brink;
 
 static brink brink_of(const task *t)
@@ -33,20 +34,20 @@ static brink brink_of(const task *t)
 }
 
 /* Most jerk of a cycle that crosses zero, with `beyond` the acceleration limit on the other side. */
-static double most_crossing(const task *t, double left, double beyond)
+static double most_crossing_jerk(const task *t, double left, double beyond)
 {
-    return least(least(t->ju, t->jd), left + beyond);
+    return least(smaller_jerk(t), left + beyond);
 }
 
 /* Whether the velocity can be kept within w from the brink, by one crossing after another. */
-static int can_turn(const task *t, brink b, double w)
+static int can_cross(const task *t, brink b, double w)
 {
     double beyond = t->a0 > 0 ? t->ad : t->au, other = t->a0 > 0 ? t->au : t->ad;
     double v = b.v, a = b.left;
-    for (int i = 0; i < TURNS; i++) {
+    for (int i = 0; i < CROSSINGS; i++) {
         if (v + a / 2 <= w) return 1;
         double room = w - v, j = a * a / (2 * room);
-        if (!(room > 0 && j <= most_crossing(t, a, beyond) * (1 + 1e-14))) return 0;
+        if (!(room > 0 && j <= most_crossing_jerk(t, a, beyond) * (1 + 1e-14))) return 0;
         double swap = beyond;
         beyond = other; other = swap;
         v = j / 2 - a - v;
@@ -56,11 +57,12 @@ static int can_turn(const task *t, brink b, double w)
 }
 
 /* The least velocity limit that one crossing at most can keep, and its jerk: where none keeps the
-   start's own. A harder crossing peaks lower and falls deeper on the other side, which ends at
-   j - 3 left / 2 - v. 0: zero on the node is the least. */
-static double hardest_turn(const task *t, brink b)
+   start's own. A harder crossing peaks lower and falls deeper on the other side. Both are equal at
+       v + left^2 / 2j = j - 3 left / 2 - v,   j = b + sqrt(b^2 + left^2 / 2),   b = v + 3 left / 4.
+   0: zero on the node is the least. */
+static double hardest_crossing(const task *t, brink b)
 {
-    double a = b.left, most_j = most_crossing(t, a, t->a0 > 0 ? t->ad : t->au);
+    double a = b.left, most_j = most_crossing_jerk(t, a, t->a0 > 0 ? t->ad : t->au);
     if (!(a < most_j)) return 0;
     double half = b.v + 0.75 * a;
     return least(most_j, half + sqrt(half * half + a * a / 2));
@@ -74,7 +76,7 @@ static int lands(const task *t)
 }
 
 /* Full jerk, and a last cycle that crosses zero with jerk j, or ends there where j is none. */
-static void turn(task *t, double j, sj_plan *p)
+static void put_crossing(task *t, double j, sj_plan *p)
 {
     double d = t->a0 > 0 ? t->sign : -t->sign, full = t->a0 > 0 ? t->ju : t->jd;
     brink b = brink_of(t);
@@ -88,31 +90,31 @@ static void turn(task *t, double j, sj_plan *p)
 }
 
 /* Acceleration to zero, on a node. */
-void sj_shed(task *t, sj_plan *p)
+void sj_end_acceleration(task *t, sj_plan *p)
 {
-    turn(t, 0, p);
+    put_crossing(t, 0, p);
 }
 
 /* Crosses zero, each time with the gentlest jerk, until the acceleration can end on a node. */
-void sj_settle(task *t, sj_plan *p)
+void sj_cross_gently(task *t, sj_plan *p)
 {
-    for (int i = 0; i < TURNS && !lands(t); i++) {
+    for (int i = 0; i < CROSSINGS && !lands(t); i++) {
         brink b = brink_of(t);
-        double j = most_crossing(t, b.left, t->a0 > 0 ? t->ad : t->au);
-        turn(t, least(j, b.left * b.left / (2 * most(0, t->vmax - b.v))), p);
+        double j = most_crossing_jerk(t, b.left, t->a0 > 0 ? t->ad : t->au);
+        put_crossing(t, least(j, b.left * b.left / (2 * most(0, t->vmax - b.v))), p);
     }
 }
 
 /* One crossing with the most jerk that serves; whether the acceleration can end on a node then. */
-int sj_cross(task *t, sj_plan *p)
+int sj_cross_hard(task *t, sj_plan *p)
 {
-    turn(t, hardest_turn(t, brink_of(t)), p);
+    put_crossing(t, hardest_crossing(t, brink_of(t)), p);
     return lands(t);
 }
 
 static int keeps(const task *t)
 {
-    return can_turn(t, brink_of(t), t->vmax * (1 + SLACK / 2));
+    return can_cross(t, brink_of(t), t->vmax * (1 + SLACK / 2));
 }
 
 int32_t sj_plan_keeps(double v, double a, const sj_limits *l)
@@ -125,7 +127,7 @@ int32_t sj_plan_keeps(double v, double a, const sj_limits *l)
 
 /* Above its acceleration limit: full jerk down to it. The last cycle ends at the limit, unless that
    little of jerk spared costs the velocity limit. */
-static void ease(task *t, sj_plan *p)
+static void ease_to_acceleration(task *t, sj_plan *p)
 {
     double amax = t->a0 > 0 ? t->au : t->ad, j = t->a0 > 0 ? t->ju : t->jd;
     double d = t->a0 > 0 ? t->sign : -t->sign, above = fabs(t->a0) - amax;
@@ -148,7 +150,7 @@ static void ease(task *t, sj_plan *p)
 
 /* Above the velocity limit and no longer speeding up: brakes as fast as jerk allows until it is
    inside. */
-static void come_down(task *t, sj_plan *p)
+static void brake_to_velocity(task *t, sj_plan *p)
 {
     double top = t->vmax * (1 + SLACK / 2), v = t->v0;
     path x;
@@ -175,22 +177,22 @@ static void come_down(task *t, sj_plan *p)
 
 /* A start outside its limits comes back as fast as jerk allows. Returns whether its acceleration
    can end on a node then: if not, only a cycle that crosses zero keeps the velocity limit. */
-int sj_come_back(task *t, sj_plan *p)
+int sj_recover(task *t, sj_plan *p)
 {
-    double small = least(t->ju, t->jd);
-    if (fabs(t->a0) <= least(t->au, t->ad)
+    double small = smaller_jerk(t);
+    if (fabs(t->a0) <= smaller_acceleration(t)
         && t->a0 * t->a0 <= 1.99 * small * (t->vmax - fabs(t->v0) - 2 * small)) return 1;
-    ease(t, p);
+    ease_to_acceleration(t, p);
     double amax = (t->a0 > 0 ? t->au : t->ad) * (1 + SLACK);
     if (!keeps(t)) {
-        if (!sj_cross(t, p) && !keeps(t)) sj_shed(t, p);
+        if (!sj_cross_hard(t, p) && !keeps(t)) sj_end_acceleration(t, p);
     } else if (fabs(t->a0) > amax || fabs(t->v0) > t->vmax * (1 + SLACK)) {
-        sj_settle(t, p);
-        if (fabs(t->a0) > amax) sj_shed(t, p);
+        sj_cross_gently(t, p);
+        if (fabs(t->a0) > amax) sj_end_acceleration(t, p);
     }
-    come_down(t, p);
+    brake_to_velocity(t, p);
     *t = mirrored(t);
-    come_down(t, p);
+    brake_to_velocity(t, p);
     *t = mirrored(t);
     return lands(t);
 }

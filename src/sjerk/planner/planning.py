@@ -7,54 +7,51 @@ Never here: clocks, shared memory, drives.
 
 from __future__ import annotations
 
-import math
-import os
 import struct
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
-from typing import Any, Literal, NoReturn, overload
+from collections.abc import Iterator, Sequence
+from typing import Any, overload
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from sjerk._binding import ffi, lib
-from sjerk.errors import LARGEST, InputError, PlanError, positive, real
-from sjerk.profile import CYCLES_MAX, FloatArray, Limits, Profile, Samples, State
+from sjerk.errors import InputError, positive, real
+from sjerk.planner.arguments import (
+    CODES,
+    NAMES,
+    Synchronization,
+    check_target,
+    check_targets,
+    code_of,
+    cycles_of,
+    fail,
+    is_sequence,
+    states_of,
+)
+from sjerk.profile import Limits, Profile, Samples, State
 
-Synchronization = Literal["time", "phase", "none"]
-_CODES = {"none": lib.SJ_SYNC_NONE, "time": lib.SJ_SYNC_TIME, "phase": lib.SJ_SYNC_PHASE}
-_NAMES: dict[int, Synchronization] = {
-    lib.SJ_SYNC_NONE: "none",
-    lib.SJ_SYNC_TIME: "time",
-    lib.SJ_SYNC_PHASE: "phase",
-}
 #: Allocation without clearing, and types looked up once: this is the fast path.
 _new = ffi.new_allocator(should_clear_after_alloc=False)
-#: Starting a thread costs about as much as planning a thousand axes.
-_ROWS_PER_THREAD = 4000
 _MOST: int = lib.SJ_AXES
-_ROOM: int = lib.SJ_PHASES
 _PHASE: int = lib.SJ_SYNC_PHASE
 _PLAN, _INT = ffi.typeof("sj_plan *"), ffi.typeof("int32_t *")
 _PLANS = [ffi.typeof(f"sj_plan[{n}]") for n in range(_MOST + 1)]
 #: Only "phase" is ever changed by the planner: the others can be shared.
-_MODES = {code: ffi.new("int32_t *", code) for code in _CODES.values()}
+_MODES = {code: ffi.new("int32_t *", code) for code in CODES.values()}
 #: By cycle time: what one of each limit per second is per cycle, as the memory of an ``sj_limits``.
 _UNITS: dict[float, bytes] = {}
 _PER_CYCLE = struct.pack("5d", 1.0, 1.0, 1.0, 1.0, 1.0)
-_ROW = np.dtype(
-    [("cycles", np.int64), ("first", np.int64), ("count", np.int32), ("kind", np.int32)]
-)
-_PHASES = np.dtype([("cycles", np.int64), ("jerk", np.float64)])
-assert _ROW.itemsize == ffi.sizeof("sj_row")
-assert _PHASES.itemsize == ffi.sizeof("sj_phase")
 
 
 class Motion:
-    """Planned motions of N axes that start together.
+    """Planned motions of N axes that start together; a sequence of their profiles. Immutable.
 
-    ``synchronization`` is what was done: ``"phase"`` falls back to ``"time"``.
+    ``synchronization`` is what was done: ``"phase"`` falls back to ``"time"`` where there is no
+    straight line. Made by ``plan``.
+
+    >>> both = plan([0.0, 0.0], [160.0, 20.0], [Limits(90.0, 500.0, 5000.0)] * 2, 1e-3)
+    >>> len(both), both.synchronization, [profile.cycles for profile in both]
+    (2, 'time', [2058, 2058])
     """
 
     __slots__ = ("_axes", "_code", "_plans", "_profiles", "_ranges", "_states", "_time")
@@ -82,7 +79,7 @@ class Motion:
     @property
     def synchronization(self) -> Synchronization:
         """How the axes share the motion."""
-        return _NAMES[self._code]
+        return NAMES[self._code]
 
     @property
     def profiles(self) -> tuple[Profile, ...]:
@@ -92,27 +89,21 @@ class Motion:
             starts, ends = states[: self._axes], states[self._axes :]
             ranges = self._ranges or [None] * self._axes
             self._profiles = tuple(
-                Profile._of(self._plans + i, self._time, start, end, limit, self._plans)
+                Profile.of_c(self._plans + i, self._time, start, end, limit, self._plans)
                 for i, (start, end, limit) in enumerate(zip(starts, ends, ranges, strict=True))
             )
         return self._profiles
 
-    def _key(self) -> tuple[Any, ...]:
-        memory = bytes(ffi.buffer(self._plans, self._axes * ffi.sizeof("sj_plan")))
-        return memory, self._time, self._axes, self._states, self._ranges, self._code
-
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, Motion) and (self._time, self._code, self.profiles) == (
-            other._time,
-            other._code,
-            other.profiles,
-        )
+        return isinstance(other, Motion) and _identity(self) == _identity(other)
 
     def __hash__(self) -> int:
-        return hash((self._time, self._code, self.profiles))
+        return hash(_identity(self))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _motion_from, self._key()
+        memory = bytes(ffi.buffer(self._plans, self._axes * ffi.sizeof("sj_plan")))
+        rest = self._time, self._axes, self._states, self._ranges, self._code
+        return _motion_from, (memory, *rest)
 
     def __repr__(self) -> str:
         return (
@@ -146,11 +137,14 @@ class Motion:
 
     @property
     def leaves_range(self) -> bool:
-        """Whether any axis leaves its position range on the way."""
+        """Whether any axis leaves its position range between its start and its end."""
         return any(profile.leaves_range for profile in self.profiles)
 
     def at(self, t: ArrayLike) -> Samples:
-        """Return the planned motions at time ``t``: fields have the shape of ``t`` and (N,)."""
+        """Return the planned motions at time ``t`` (s): fields have the shape of ``t`` and (N,).
+
+        In u, u/s, u/s^2 and u/s^3 of each axis; ``time`` has the shape of ``t``. Eqs. (1)-(6).
+        """
         axes = [profile.at(t) for profile in self.profiles]
         stacked = (
             np.stack([getattr(axis, name) for axis in axes], axis=-1)
@@ -161,66 +155,25 @@ class Motion:
     def sample(self) -> Samples:
         """Return what the drives get: ``time`` (rows,), the rest (rows, N); rows = cycles + 2.
 
-        An axis that arrives earlier (``"none"``) goes on with its end velocity.
+        An axis that arrives earlier (``"none"``) goes on with its end velocity. Eqs. (15)-(17).
         """
         rows, axes = self.cycles + 2, len(self)
         columns = [np.empty((axes, rows)) for _ in range(4)]
         time = np.empty(rows)
         for i, profile in enumerate(self.profiles):
-            profile._sample_rows(Samples(time, *(column[i] for column in columns)), rows)
+            profile.fill(Samples(time, *(column[i] for column in columns)), rows)
         return Samples(time, *(column.T for column in columns))
+
+
+def _identity(motion: Motion) -> tuple[Any, ...]:
+    """What motions are compared by."""
+    return motion.cycle_time, motion.synchronization, motion.profiles
 
 
 def _motion_from(memory: bytes, cycle_time: float, axes: int, *rest: Any) -> Motion:
     plans = ffi.new("sj_plan[]", axes)
     ffi.memmove(plans, memory, len(memory))
     return Motion(plans, cycle_time, axes, *rest)
-
-
-@dataclass(frozen=True, eq=False)
-class Plans:
-    """Many independent plans as arrays; row i is request i.
-
-    ``rows``: cycles, the index of the first phase, how many phases, and their kind; ``pool``: the
-    phases of all plans, cycles and jerks per cycle^3.
-    """
-
-    cycle_time: float
-    rows: NDArray[Any]
-    pool: NDArray[Any]
-
-    @property
-    def cycles(self) -> NDArray[np.int64]:
-        """Lengths in control cycles."""
-        cycles: NDArray[np.int64] = self.rows["cycles"]
-        return cycles
-
-    @property
-    def duration(self) -> FloatArray:
-        """Lengths in seconds."""
-        return np.multiply(self.cycles, self.cycle_time, dtype=np.float64)
-
-    @property
-    def phase_counts(self) -> NDArray[np.int32]:
-        """Phases used by each plan."""
-        counts: NDArray[np.int32] = self.rows["count"]
-        return counts
-
-    def phases(self, i: int) -> tuple[NDArray[np.int64], FloatArray]:
-        """Cycles and jerks (axis unit / s^3) of the phases of plan ``i``."""
-        first = int(self.rows["first"][i])
-        used = self.pool[first : first + int(self.phase_counts[i])]
-        return used["cycles"].copy(), used["jerk"] / self.cycle_time**3
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        counts = self.phase_counts.astype(np.int64)
-        packed = self.rows.copy()
-        packed["first"] = np.cumsum(counts) - counts
-        used = np.repeat(self.rows["first"] - packed["first"], counts) + np.arange(counts.sum())
-        return Plans, (self.cycle_time, packed, self.pool[used])
-
-    def __len__(self) -> int:
-        return len(self.rows)
 
 
 @overload
@@ -255,16 +208,18 @@ def plan(
     """Plan the fastest motion in whole cycles from any state to any target.
 
     ``start`` and ``target``: a ``State`` or a position (one axis), or sequences of them (N axes,
-    1 to 64); states of the samples, with no jerk before the start. The target's velocity is free
-    within the limits, its acceleration must be 0. A start outside the limits is brought back inside
-    as fast as jerk allows. ``synchronization``: ``"time"`` all axes arrive in the same cycle,
-    ``"phase"`` on a straight line (rest to rest; else time), ``"none"`` each for itself.
-    ``min_duration`` in seconds stretches.
+    1 to 64); states of the samples, with no jerk before the start. ``limits``: one for all axes or
+    one each. ``cycle_time`` in seconds. The target's velocity is free within the limits, its
+    acceleration must be 0. A start outside the limits is brought back inside as fast as the jerk
+    allows. ``synchronization``: with ``"time"`` all axes arrive in the same cycle, with ``"phase"``
+    on a straight line (from rest to rest; else as ``"time"``), with ``"none"`` each for itself.
+    The motion takes ``min_duration`` seconds or more.
 
-    The direction of the move, for ``deceleration`` limits, is that of the way the plan covers: from
-    start to target, less the half cycle of both velocities (T/2 times their sum). Any request of
-    usable numbers succeeds. Raises InputError for unusable ones: not finite, target outside
-    ``limits.position`` or faster than ``limits.velocity``, more than 2^50 cycles.
+    The direction of the move, for ``deceleration`` limits, is that of the distance that the plan
+    covers: from start to target, less the half cycle of both velocities (T/2 times their sum).
+    Every request of usable numbers succeeds. Raises ``InputError`` for unusable ones: not finite, a
+    target outside ``limits.position`` or faster than ``limits.velocity``, more than 2^50 cycles.
+    The method: ``docs/explanation/planner.md``.
 
     >>> limits = Limits(velocity=90.0, acceleration=500.0, jerk=5000.0)
     >>> profile = plan(State(10.0, velocity=40.0), 160.0, limits, 1e-3)
@@ -286,10 +241,10 @@ def plan(
         if motion is not None:
             return motion
     code, least = code_of(synchronization), cycles_of(min_duration, cycle_time)
-    one = not _is_sequence(start) and not _is_sequence(target)
-    starts = _states("start", [start] if one else start)
-    targets = _states("target", [target] if one else target)
-    if not isinstance(limits, Limits) and not _is_sequence(limits):
+    one = not is_sequence(start) and not is_sequence(target)
+    starts = states_of("start", [start] if one else start)
+    targets = states_of("target", [target] if one else target)
+    if not isinstance(limits, Limits) and not is_sequence(limits):
         raise InputError("limits", limits, "must be a Limits or a list of one per axis")
     several = [limits] * len(starts) if isinstance(limits, Limits) else list(limits)
     return _axes(starts, targets, several, cycle_time, least, code, single=one)
@@ -300,10 +255,10 @@ def _one(start: State, target: State, limits: Limits, T: float) -> Profile:
     if limits.position is not None:
         check_target("target", target, limits)
     made = _new(_PLAN)
-    status = lib.sj_plan_sample(T, start._c, target._c, limits._per_cycle(T), made)
+    status = lib.sj_plan_sample(T, start.memory, target.memory, limits.per_cycle(T), made)
     if status:
-        _fail(status, "target", target, limits)
-    return Profile._of(made, T, start, target, limits.position)
+        fail(status, "target", target, limits)
+    return Profile.of_c(made, T, start, target, limits.position)
 
 
 def _many_axes(
@@ -312,9 +267,9 @@ def _many_axes(
     """The fast path of several axes: lists of states and limits of every target. None: not that."""
     n = len(starts)
     try:
-        states = b"".join([state._c for state in starts + targets])
-        rows = b"".join([limit._c for limit in limits])
-        code = _CODES[synchronization]
+        states = b"".join([state.memory for state in starts + targets])
+        rows = b"".join([limit.memory for limit in limits])
+        code = CODES[synchronization]
         unit = _UNITS.get(T) or _unit(T)
     except (AttributeError, KeyError, TypeError):
         return None
@@ -354,16 +309,16 @@ def _axes(
         raise InputError("start, target, limits", lengths, "must have one entry per axis")
     if not 1 <= n <= lib.SJ_AXES:
         raise InputError("start", n, f"must be 1 .. {lib.SJ_AXES} axes")
-    _check_targets(targets, limits)
+    check_targets(targets, limits)
     plans, mode = _new(_PLANS[n]), _new(_INT, code)
-    states = b"".join([state._c for state in (*starts, *targets)])
-    rows = b"".join([limit._per_cycle(T) for limit in limits])
+    states = b"".join([state.memory for state in (*starts, *targets)])
+    rows = b"".join([limit.per_cycle(T) for limit in limits])
     status = lib.sj_plan_samples(n, T, states, rows, _PER_CYCLE, least, mode, plans)
     if status:
-        _fail(status, "target", targets, limits)
+        fail(status, "target", targets, limits)
     ranges = [limit.position for limit in limits]
     if single:
-        return Profile._of(plans + 0, T, starts[0], targets[0], ranges[0], plans)
+        return Profile.of_c(plans + 0, T, starts[0], targets[0], ranges[0], plans)
     return Motion(plans, T, n, states, ranges, mode[0])
 
 
@@ -372,14 +327,16 @@ def plan_velocity(
 ) -> Profile:
     """Plan the fastest change to ``velocity`` in whole cycles (jog; stop with 0).
 
-    ``start``: a ``State``, or a position at rest. Where it ends is ``Profile.end``; the direction
-    of the move is that of ``velocity``, or of the start's velocity for a stop. Raises InputError.
+    ``start``: a ``State``, or a position at rest; ``velocity`` in u/s, signed; ``cycle_time`` in
+    seconds. ``Profile.end`` is where it ends. The direction of the move is that of ``velocity``, or
+    of the start's velocity for a stop. Raises ``InputError`` for unusable numbers and for a
+    velocity beyond ``limits.velocity``.
 
     >>> profile = plan_velocity(State(0.0, velocity=90.0), 0.0, Limits(90.0, 500.0, 5000.0), 1e-3)
     >>> profile.cycles, profile.end.velocity
     (280, 0.0)
     """
-    (state,) = _states("start", [start])
+    (state,) = states_of("start", [start])
     if not isinstance(limits, Limits):
         raise InputError("limits", limits, "must be a Limits")
     cycle_time = positive("cycle_time", cycle_time)
@@ -389,218 +346,16 @@ def plan_velocity(
     made, end = _new(_PLAN), ffi.new("double *")
     status = lib.sj_plan_sample_velocity(
         cycle_time,
-        state._c,
+        state.memory,
         velocity,
-        limits._per_cycle(cycle_time),
+        limits.per_cycle(cycle_time),
         made,
         end,
     )
     if status != 0:
-        _fail(status, "velocity", velocity, limits)
-    return Profile._of(made, cycle_time, state, State(end[0], velocity), limits.position)
-
-
-def plan_many(
-    start: ArrayLike,
-    target: ArrayLike,
-    limits: Limits | Sequence[Limits] | NDArray[Any],
-    cycle_time: float,
-) -> Plans:
-    """Plan n independent axes at once, without a Python object per plan and without the GIL.
-
-    ``start``: positions (n,), or rows (n, 1..3) of position, velocity, acceleration; ``target``:
-    positions (n,), or rows (n, 1..2) of position, velocity; ``limits``: one for all, one each, or
-    an array (n, 3) of velocity, acceleration, jerk or (n, 5) with those of braking. Row i
-    of the result is what ``plan`` would return. Raises InputError with the row.
-
-    >>> plans = plan_many([0.0, 1.0], [160.0, 160.0], Limits(90.0, 500.0, 5000.0), 1e-3)
-    >>> plans.cycles.tolist()
-    [2058, 2047]
-    """
-    begin, end = _rows("start", start, 3), _rows("target", target, 2)
-    T = positive("cycle_time", cycle_time)
-    n, step = len(begin), 1
-    if isinstance(limits, Limits):
-        _check_range(end, limits, slice(None))
-        c_limits, step = ffi.from_buffer("sj_limits[]", limits._per_cycle(T)), 0
-        given = n
-    elif isinstance(limits, np.ndarray):
-        table = _limit_rows(limits) * np.array([T, T**2, T**3, T**2, T**3])
-        c_limits = ffi.cast("sj_limits *", ffi.from_buffer(table))
-        given = len(table)
-    else:
-        if not _is_sequence(limits) or not all(isinstance(k, Limits) for k in limits):
-            raise InputError("limits", limits, "must be a Limits, a list of them, or an array")
-        for i, limit in enumerate(limits):
-            _check_range(end, limit, slice(i, i + 1))
-        c_limits = ffi.from_buffer("sj_limits[]", b"".join([k._per_cycle(T) for k in limits]))
-        given = len(limits)
-    if len(end) != n or given != n:
-        raise InputError("start, target, limits", (n, len(end), given), "must be of one length")
-    # most of the pool is never touched, and so never becomes memory
-    rows, pool = np.empty(n, dtype=_ROW), np.empty(n * _ROOM, dtype=_PHASES)
-    starts, ends = (ffi.from_buffer("double[]", table) for table in (begin, end))
-    made = ffi.cast("sj_row *", ffi.from_buffer(rows))
-    phases = ffi.cast("sj_phase *", ffi.from_buffer(pool))
-
-    def run(first: int, last: int) -> tuple[int, int]:
-        """Rows first .. last - 1: status, and the row that failed."""
-        failed = ffi.new("int64_t *")
-        status = lib.sj_plan_rows(
-            last - first,
-            T,
-            starts + first * begin.shape[1],
-            begin.shape[1],
-            ends + first * end.shape[1],
-            end.shape[1],
-            c_limits + first * step,
-            step,
-            made + first,
-            phases,
-            first * _ROOM,
-            failed,
-        )
-        return status, first + int(failed[0])
-
-    for status, row in _in_parallel(run, n):
-        if status == 0:
-            continue
-        state = (begin[row].tolist(), end[row].tolist())
-        shown = limits if isinstance(limits, Limits) else limits[row]
-        _fail(status, f"row {row}", state, shown)
-    return Plans(T, rows, pool)
-
-
-def _in_parallel(run: Callable[[int, int], tuple[int, int]], n: int) -> list[tuple[int, int]]:
-    """Rows 0 .. n - 1 in as many parts as there are processors for us, if it is worth a thread."""
-    parts = min(len(os.sched_getaffinity(0)), n // _ROWS_PER_THREAD)
-    if parts < 2:
-        return [run(0, n)]
-    cuts = [n * i // parts for i in range(parts + 1)]
-    with ThreadPoolExecutor(parts) as pool:
-        return list(pool.map(run, cuts[:-1], cuts[1:]))
-
-
-def _check_range(end: FloatArray, limits: Limits, rows: slice) -> None:
-    if limits.position is None:
-        return
-    low, high = limits.position
-    outside = (end[rows, 0] < low) | (end[rows, 0] > high)
-    if outside.any():
-        row = (rows.start or 0) + int(np.argmax(outside))
-        raise InputError(f"target[{row}].position", end[row, 0], f"must lie in {limits.position}")
-
-
-def _limit_rows(limits: NDArray[Any]) -> FloatArray:
-    rows = _numbers("limits", limits)
-    if rows.ndim != 2 or rows.shape[1] not in (3, 5):
-        raise InputError("limits", rows.shape, "must have shape (n, 3) or (n, 5)")
-    # the row is looked for only where one is bad
-    if not (rows.min(initial=1.0) >= 1.0 / LARGEST and rows.max(initial=1.0) <= LARGEST):
-        row = int(np.argmin(((rows >= 1.0 / LARGEST) & (rows <= LARGEST)).all(axis=1)))
-        raise InputError(
-            f"limits[{row}]",
-            rows[row].tolist(),
-            f"must be greater than 0, within {1.0 / LARGEST:g} .. {LARGEST:g}",
-        )
-    return rows if rows.shape[1] == 5 else np.hstack([rows, rows[:, 1:3]])
-
-
-def _rows(name: str, value: ArrayLike, most: int) -> FloatArray:
-    rows = _numbers(name, value)
-    if rows.ndim == 1:
-        rows = rows.reshape(-1, 1)
-    if rows.ndim != 2 or not 1 <= rows.shape[1] <= most:
-        raise InputError(name, rows.shape, f"must have shape (n,) or (n, 1..{most})")
-    size = np.abs(rows)
-    if not size.max(initial=0.0) <= LARGEST:  # not a number is not smaller either
-        row = int(np.argmin((size <= LARGEST).all(axis=1)))
-        raise InputError(
-            f"{name}[{row}]", rows[row].tolist(), f"must be finite, within {LARGEST:g} in magnitude"
-        )
-    tiny = (size < 1.0 / LARGEST) & (size > 0.0)
-    return np.where(tiny, 0.0, rows) if tiny.any() else rows
-
-
-def _numbers(name: str, value: Any) -> FloatArray:
-    """An array of real numbers, C-contiguous."""
-    try:
-        rows = np.asarray(value)
-    except ValueError:
-        rows = np.asarray(None)
-    if rows.dtype.kind not in "fiu":
-        raise InputError(name, value, "must be an array of real numbers")
-    return np.ascontiguousarray(rows, dtype=np.float64)
-
-
-def _states(name: str, values: Any) -> list[State]:
-    if not _is_sequence(values):
-        raise InputError(name, values, "must be a State, a number, or a sequence of them")
-    return [
-        value if value.__class__ is State else _state(f"{name}[{i}]", value)
-        for i, value in enumerate(values)
-    ]
+        fail(status, "velocity", velocity, limits)
+    return Profile.of_c(made, cycle_time, state, State(end[0], velocity), limits.position)
 
 
 def _unpacked(rows: bytes) -> list[State]:
     return [State(*row) for row in struct.iter_unpack("3d", rows)]
-
-
-def _is_sequence(value: Any) -> bool:
-    if value.__class__ is list or value.__class__ is tuple:
-        return True
-    if isinstance(value, np.ndarray):
-        return value.ndim == 1
-    return isinstance(value, Sequence) and not isinstance(value, str | bytes | bytearray)
-
-
-def _state(name: str, value: Any) -> State:
-    return value if isinstance(value, State) else State(real(name, value))
-
-
-def _check_targets(targets: Sequence[State], limits: Sequence[Any]) -> None:
-    for i, (target, limit) in enumerate(zip(targets, limits, strict=True)):
-        if not isinstance(limit, Limits):
-            raise InputError(f"limits[{i}]", limit, "must be a Limits")
-        check_target(f"target[{i}]", target, limit)
-
-
-def code_of(synchronization: str) -> int:
-    """The ``enum sj_synchronization`` of a name."""
-    if not isinstance(synchronization, str) or synchronization not in _CODES:
-        raise InputError("synchronization", synchronization, f"must be one of {', '.join(_CODES)}")
-    return int(_CODES[synchronization])
-
-
-def cycles_of(min_duration: float, cycle_time: float) -> int:
-    """Whole cycles that last at least so many seconds."""
-    cycles = real("min_duration", min_duration) / positive("cycle_time", cycle_time)
-    if not 0.0 <= cycles <= CYCLES_MAX:
-        raise InputError("min_duration", min_duration, f"must be 0 .. {CYCLES_MAX} cycles")
-    return math.ceil(cycles * (1.0 - 1e-11))
-
-
-def check_target(name: str, target: State, limits: Limits) -> None:
-    """Refuse what no plan may end in."""
-    if target.acceleration != 0.0:
-        raise InputError(
-            f"{name}.acceleration", target.acceleration, "must be 0: not supported yet"
-        )
-    if abs(target.velocity) > limits.velocity:
-        raise InputError(
-            f"{name}.velocity", target.velocity, f"must lie within +-{limits.velocity!r}"
-        )
-    if limits.position is not None and not (
-        limits.position[0] <= target.position <= limits.position[1]
-    ):
-        raise InputError(f"{name}.position", target.position, f"must lie in {limits.position}")
-
-
-def _fail(status: int, field: str, value: Any, limits: Any) -> NoReturn:
-    if status == lib.SJ_PLAN_TOO_LONG:
-        raise InputError(field, value, f"takes more than {CYCLES_MAX} cycles under {limits}")
-    if status == lib.SJ_PLAN_INVALID:
-        if isinstance(value, State):
-            check_target(field, value, limits)
-        raise InputError(field, value, f"cannot be planned under {limits}")
-    raise PlanError(f"no common length was found for {value!r} under {limits}")

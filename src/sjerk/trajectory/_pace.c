@@ -44,7 +44,7 @@ static void pace_start(sj_pace *pace, int64_t origin, double speed)
 static int32_t is_plain(const sj_pace *pace)
 {
     const sj_interpolator *s = &pace->s;
-    return s->ahead == 0 && s->v.hi == 1.0 && s->v.lo == 0.0 && s->q.lo == 0.0 &&
+    return s->cycles_left == 0 && s->v.hi == 1.0 && s->v.lo == 0.0 && s->q.lo == 0.0 &&
            s->q.hi == floor(s->q.hi);
 }
 
@@ -52,7 +52,7 @@ static void pace_step(sj_pace *pace)
 {
     sj_interpolator *s = &pace->s;
     sj_interpolator_step(s);
-    if (s->ahead == 0) { /* whole cycles into `origin`, so that s stays small and its bits fine */
+    if (s->cycles_left == 0) { /* whole cycles into `origin`, so that s stays small and its bits fine */
         double whole = floor(s->q.hi);
         s->q = exact_subtract(s->q, exact_of(whole));
         pace->origin += (int64_t)whole;
@@ -186,7 +186,7 @@ static int32_t is_lean(const sj_player *player)
 
 static int32_t moves(const sj_pace *pace)
 {
-    return pace->s.ahead > 0 || pace->s.v.hi != 0.0;
+    return pace->s.cycles_left > 0 || pace->s.v.hi != 0.0;
 }
 
 /* ---- what to look for ------------------------------------------------------------------------ */
@@ -203,7 +203,7 @@ static int32_t wants_stop(const sj_player *player)
 static int32_t wanted(const sj_player *player, double *to)
 {
     double end = player->run.pace.s.goal_velocity, wish = player->wish;
-    int32_t settled = player->run.pace.s.ahead == 0, kind = player->next_kind;
+    int32_t settled = player->run.pace.s.cycles_left == 0, kind = player->next_kind;
 
     *to = wish;
     if (kind == SJ_SEARCH_CHANGE)
@@ -224,7 +224,7 @@ static int32_t wanted(const sj_player *player, double *to)
     if (end != wish)
         return SJ_SEARCH_CHANGE;
     if (!settled)
-        return kind == SJ_SEARCH_NONE && player->run.pace.s.ahead > SHORT ? SJ_SEARCH_SOONER
+        return kind == SJ_SEARCH_NONE && player->run.pace.s.cycles_left > SHORT ? SJ_SEARCH_SOONER
                                                                           : SJ_SEARCH_NONE;
     return end > 0.0 && wants_stop(player) ? SJ_SEARCH_STOP : SJ_SEARCH_NONE;
 }
@@ -260,7 +260,7 @@ static int32_t run_ahead(const sj_track *track, sj_search *search, int64_t cycle
     sj_run *run = &search->run;
     for (int64_t left = cycles; left > 0; left--) {
         sj_interpolator *s = &run->pace.s;
-        if (s->ahead == 0 && left > TAIL + 1) { /* at a constant speed, at once */
+        if (s->cycles_left == 0 && left > TAIL + 1) { /* at a constant speed, at once */
             s->q = exact_add(s->q, exact_scale(s->v, (double)(left - TAIL - 1)));
             left = TAIL + 1;
         }
@@ -332,8 +332,8 @@ static int32_t set_up(sj_player *player, int32_t *work)
     if (plan_change(&search->run.pace, to, &limits, &way) != 0)
         return -1;
     if (search->kind == SJ_SEARCH_SOONER && /* a tenth sooner, or not worth it */
-        (double)(delay + search->run.pace.s.ahead) >
-            0.9 * share_of[search->share] * (double)player->run.pace.s.ahead)
+        (double)(delay + search->run.pace.s.cycles_left) >
+            0.9 * share_of[search->share] * (double)player->run.pace.s.cycles_left)
         return -1;
     search->first = search->run.pace;
     search->stage = FIRST;
@@ -358,7 +358,7 @@ static int32_t enter_stage(sj_player *player, int32_t *work)
     sj_pace *pace = &search->run.pace;
     double to = search->kind == SJ_SEARCH_CHANGE ? 0.0 : 1.0, way;
 
-    if (search->stage == FIRST && pace->s.ahead == 0) {
+    if (search->stage == FIRST && pace->s.cycles_left == 0) {
         search->stage = has_second(player) ? STAY : SETTLED;
         search->left = search->stage == SETTLED ? TAIL
                        : search->kind == SJ_SEARCH_AWAY ? STRIDE : 0;
@@ -372,7 +372,7 @@ static int32_t enter_stage(sj_player *player, int32_t *work)
         search->second_at = search->cycle;
         search->stage = SECOND;
     }
-    if (search->stage == SECOND && pace->s.ahead == 0) {
+    if (search->stage == SECOND && pace->s.cycles_left == 0) {
         search->stage = SETTLED;
         search->left = TAIL;
         if (search->kind != SJ_SEARCH_CHANGE)
@@ -475,7 +475,7 @@ static void look(sj_player *player)
         restart(player, kind, to);
     }
     if (search->stage != IDLE && search->begin < player->cycle) { /* more work than time: later */
-        int64_t cycles = search->first.s.ahead + (search->second_at < 0 ? 0 : search->second.s.ahead);
+        int64_t cycles = search->first.s.cycles_left + (search->second_at < 0 ? 0 : search->second.s.cycles_left);
         int64_t need = DELAY + 3 * cycles * player->track.axes / (2 * SJ_PACE_CHECKS);
         search->stage = IDLE;
         search->delay = need > 2 * search->delay ? need : 2 * search->delay;

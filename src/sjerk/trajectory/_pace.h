@@ -78,14 +78,17 @@ typedef struct {
 
 /* Needs a begun track. */
 void    sj_player_begin(sj_player *player);
+/* The positions of the next cycle, in run.past[0]; enum sj_pace_status. */
+int32_t sj_player_step(sj_player *player);
+/* Whole path cycles passed, and the rest. */
+int64_t sj_player_place(const sj_player *player, double *rest);
+
+/* For C only. */
+
 /* In motion already, at speed 1 at the track's begin; the wish must stay 1 until four positions are
  * known, SJ_PACE_SEEN cycles. */
 void    sj_player_enter(sj_player *player);
-/* The positions of the next cycle, in run.past[0]; enum sj_pace_status. */
-int32_t sj_player_step(sj_player *player);
 double  sj_player_speed(const sj_player *player);
-/* Whole path cycles passed, and the rest. */
-int64_t sj_player_place(const sj_player *player, double *rest);
 /* Drop the segments from this way-point on, but for so many cycles of the first one; -1: the place is
  * passed or not known, or a checked motion counts on what would go. Nothing has changed then. */
 int32_t sj_player_cut(sj_player *player, int64_t number, int64_t cycles);

@@ -1,7 +1,7 @@
 /* Where on a path: a window of its segments. */
 #pragma once
 #include <stdint.h>
-#include "trajectory/_following.h"
+#include "trajectory/_samples.h"
 
 enum { SJ_TRACK_NUMBERS = 131072, SJ_TRACK_SEGMENTS = 2048 };
 
@@ -60,6 +60,9 @@ void    sj_track_begin(sj_track *track, int32_t axes, const double *position,
                        const sj_track_limits *limits);
 int32_t sj_track_add(sj_track *track, int64_t number, const int64_t *cycles, int32_t last,
                      const sj_track_axis *axis);
+
+/* For C only. */
+
 /* The same of a segment that needs no check; SJ_TRACK_OK or SJ_TRACK_FULL. */
 int32_t sj_track_put(sj_track *track, int64_t number, const int64_t *cycles, int32_t last,
                      const sj_track_axis *axis);

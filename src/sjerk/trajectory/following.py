@@ -15,12 +15,22 @@ from numpy.typing import ArrayLike
 
 from sjerk.errors import InputError, PlanError, positive
 from sjerk.profile import CYCLES_MAX, FloatArray, Limits
-from sjerk.trajectory.fastest import NONE, at_pace, fastest, feasible, first_answer, in_cycles, places, resolution
+from sjerk.trajectory.fastest import (
+    NONE,
+    at_pace,
+    fastest,
+    feasible,
+    first_answer,
+    in_cycles,
+    places,
+    resolution,
+)
+from sjerk.trajectory.faults import FaultKind, TrajectoryError, TrajectoryFault
 from sjerk.trajectory.parameterization import moments_of
 from sjerk.trajectory.programme import Answer, Task
 from sjerk.trajectory.segments import Followed, Knot
 from sjerk.trajectory.spline import IntArray, Knots, going_on, split
-from sjerk.trajectory.trajectory import Fault, FaultKind, Trajectory, TrajectoryError
+from sjerk.trajectory.trajectory import Trajectory
 from sjerk.trajectory.window import (
     HAND_OUT,
     LOOKAHEAD,
@@ -100,7 +110,7 @@ class _Source:
         self._pieces, self._limits, self._T, self._total = pieces, limits, T, 0
         first = next(pieces, None)
         if first is None:
-            raise TrajectoryError([Fault(FaultKind.EMPTY, "no points")])
+            raise TrajectoryError([TrajectoryFault(FaultKind.EMPTY, "no points")])
         self.names = first.joint_names
         self.limits = first.limits_in_order(limits)
         self.velocities = use_velocities and first.velocity is not None
@@ -141,14 +151,14 @@ class _Source:
     def _check(self, piece: Trajectory, moving: bool) -> None:
         total = self._total
         if piece.joint_names != self.names:
-            raise TrajectoryError([Fault(FaultKind.JOINTS, f"not {', '.join(self.names)}", total)])
+            raise TrajectoryError([TrajectoryFault(FaultKind.JOINTS, f"not {', '.join(self.names)}", total)])
         if total and not piece.time[0] > self._latest:
             why = f"time = {piece.time[0]} s does not follow {self._latest} s"
-            raise TrajectoryError([Fault(FaultKind.TIME, why, total)])
+            raise TrajectoryError([TrajectoryFault(FaultKind.TIME, why, total)])
         if self.velocities and piece.velocity is None:
-            raise TrajectoryError([Fault(FaultKind.SIZE, "has no velocities", total)])
+            raise TrajectoryError([TrajectoryFault(FaultKind.SIZE, "has no velocities", total)])
         wrong = [
-            Fault(fault.kind, fault.why, (fault.point or 0) + total, fault.joint)
+            TrajectoryFault(fault.kind, fault.why, (fault.point or 0) + total, fault.joint)
             for fault in piece.faults(self._limits, end_velocity_allowed=True)
             if fault.kind is FaultKind.POSITION_LIMIT
             or (self.velocities and fault.kind is FaultKind.VELOCITY_LIMIT)
@@ -158,10 +168,10 @@ class _Source:
         if wrong:
             raise TrajectoryError(wrong)
 
-    def _motion(self, velocity: FloatArray, point: int, where: str) -> list[Fault]:
+    def _motion(self, velocity: FloatArray, point: int, where: str) -> list[TrajectoryFault]:
         """Velocities that are no rest, where a motion begins or ends."""
         return [
-            Fault(FaultKind.END_VELOCITY, f"velocity = {v} at the {where}, must be 0", point, joint)
+            TrajectoryFault(FaultKind.END_VELOCITY, f"velocity = {v} at the {where}, must be 0", point, joint)
             for joint, v, limit in zip(self.names, velocity, self.limits, strict=True)
             if abs(v) > 1e-4 * limit.velocity
         ]

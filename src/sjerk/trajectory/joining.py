@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sjerk.errors import InputError
-from sjerk.planner.planning import Motion, Synchronization, plan, plan_velocity
+from sjerk.planner import Motion, Synchronization, plan, plan_velocity
 from sjerk.profile import FloatArray, Limits, Profile, State
 from sjerk.trajectory.segments import PHASES, Followed, IntArray, Knot, Passed, begin_of, sample_of, through
 

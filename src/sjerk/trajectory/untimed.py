@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sjerk.errors import InputError, PlanError, positive
-from sjerk.planner.planning import Motion, plan
+from sjerk.planner import Motion, plan
 from sjerk.profile import FloatArray, Limits
 from sjerk.trajectory.corridor import Corridor
 from sjerk.trajectory.fastest import NONE, fastest, feasible, in_cycles, resolution

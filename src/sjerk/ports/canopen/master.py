@@ -13,54 +13,19 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from sjerk.errors import InputError, SjerkError, positive
-from sjerk.kernel.kernel import MotionKernel
-from sjerk.ports.canopen.node import sender
+from sjerk.errors import InputError, positive
+from sjerk.kernel import MotionKernel
+from sjerk.ports.canopen.frames import sender
+from sjerk.ports.canopen.sdo import SdoClient
 
 #: Node number under which the master's heartbeat is sent.
 MASTER = 127
 #: Cycles in a row without an answer before an axis counts as lost.
 PATIENCE = 3
 
-_ANSWER_S = 2.0
 _OUT = struct.Struct("<Hbi")  # 6040h, 6060h, 607Ah
 _IN = struct.Struct("<Hbi")  # 6041h, 6061h, 6064h
 _MORE = struct.Struct("<ihH")  # 606Ch, 6077h, 603Fh
-
-
-class SdoClient:
-    """Expedited SDO transfers with one node; frames of others on the way are dropped."""
-
-    def __init__(self, bus: Any, node: int) -> None:
-        """Ask ``node`` on a bus of python-can."""
-        self._bus, self._node, self._send = bus, node, sender(bus)
-
-    def write(self, index: int, sub: int, data: bytes) -> None:
-        """Write up to four bytes; SjerkError with the abort code, or for no answer."""
-        head = bytes((0x23 | (4 - len(data)) << 2, index & 0xFF, index >> 8, sub))
-        self._ask(head + data.ljust(4, b"\0"))
-
-    def read(self, index: int, sub: int = 0) -> bytes:
-        """Read up to four bytes; raises as ``write``."""
-        answer = self._ask(bytes((0x40, index & 0xFF, index >> 8, sub)) + bytes(4))
-        return answer[4 : 8 - (answer[0] >> 2 & 3)]
-
-    def _ask(self, request: bytes) -> bytes:
-        place = request[1:4]
-        name = f"node {self._node}, {place[1]:02X}{place[0]:02X}h:{place[2]}"
-        self._send(0x600 + self._node, request)
-        end = time.monotonic() + _ANSWER_S
-        while (left := end - time.monotonic()) > 0.0:
-            frame = self._bus.recv(left)
-            if frame is None or frame.arbitration_id != 0x580 + self._node:
-                continue
-            answer = bytes(frame.data)
-            if len(answer) != 8 or answer[1:4] != place:
-                continue
-            if answer[0] >> 5 == 4:
-                raise SjerkError(f"{name}: abort {int.from_bytes(answer[4:], 'little'):08X}h")
-            return answer
-        raise SjerkError(f"{name}: no answer")
 
 
 class Master:
@@ -69,7 +34,8 @@ class Master:
     ``nodes``: node number by axis. The drives keep the default mapping of ``sjerk drive``.
     ``heartbeat``: seconds between the master's, watched by the drives for ``lost`` times that.
     ``abort_option``: 6007h of the drives, what they do without their master (1 fault, 2 disable
-    voltage, 3 quick stop). Raises InputError; SjerkError where a node does not answer.
+    voltage, 3 quick stop). Raises ``InputError`` for nodes and cycle times that cannot be,
+    ``SjerkError`` where a node does not answer. ``examples/06_canopen_master.py`` runs one.
     """
 
     def __init__(

@@ -1,0 +1,139 @@
+"""What the verbs of the command line share: which kernel is meant, how results are printed.
+
+Never here: motion, what a verb does.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import signal
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from sjerk.errors import HostTakenError, InputError, SegmentMissingError
+from sjerk.handshake import clean
+from sjerk.host import Feedback, Host
+from sjerk.recording import files
+
+#: Largest wait for a host that is about to leave, seconds.
+_PATIENCE = 2.0
+
+
+# ---- arguments
+
+
+def add_verb(
+    jobs: Any, verb: str, run: Callable[[argparse.Namespace], int], help: str, *, named: bool = True
+) -> Any:
+    """Add a verb with ``--json``, and ``--name`` where it is about a running kernel."""
+    job = jobs.add_parser(verb, help=help)
+    if named:
+        job.add_argument("--name", help="of the kernel; default: the only one that runs")
+    job.add_argument("--json", action="store_true", help="one JSON object per line")
+    job.set_defaults(run=run)
+    return job
+
+
+def add_force(job: Any) -> None:
+    """Add what ``ready`` asks for before it overwrites."""
+    job.add_argument("--force", action="store_true", help="overwrite a recording that exists")
+
+
+def ready(options: argparse.Namespace, file: Path) -> None:
+    """Refuse a recording that cannot be written, or would be overwritten, before anything runs.
+
+    Raises InputError, ExtraMissingError.
+    """
+    files.ready(file)
+    if file.exists() and not options.force:
+        raise InputError("file", str(file), "exists: --force overwrites it")
+
+
+@contextmanager
+def sigterm_as_ctrl_c() -> Iterator[None]:
+    """Within it SIGTERM does what Ctrl-C does."""
+
+    def end(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, end)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+# ---- which kernel
+
+
+def name_of(options: argparse.Namespace) -> str:
+    """The kernel that is meant: named, or the only one that runs.
+
+    Raises SegmentMissingError where none runs, InputError where many do.
+    """
+    if options.name is not None:
+        return str(options.name)
+    found = [info.name for info in clean(dry_run=True) if info.in_use and not info.companion]
+    if not found:
+        raise SegmentMissingError("no kernel runs")
+    if len(found) > 1:
+        raise InputError("--name", None, f"{len(found)} kernels run: {', '.join(found)}")
+    return found[0]
+
+
+def host_of(options: argparse.Namespace) -> Host:
+    """Become the host of the kernel that is meant; the process that is it already is named."""
+    try:
+        return Host.attach(name_of(options), wait=_PATIENCE)
+    except HostTakenError as taken:
+        pid = taken.pid
+        what = (
+            f"{taken}: Ctrl-C there, or `kill -INT {pid}`, halts what a command of sjerk moves; "
+            "`sjerk stop --interrupt` does that"
+        )
+        raise HostTakenError(what, name=taken.name, pid=pid) from None
+
+
+# ---- results
+
+
+def show(options: argparse.Namespace, data: dict[str, Any]) -> None:
+    """Print as lines, or as one JSON object where asked."""
+    if options.json:
+        print(json.dumps(data), flush=True)
+        return
+    for key, value in data.items():
+        if isinstance(value, list):
+            for row in value:
+                print("  ".join(f"{k} {v}" for k, v in row.items()), flush=True)
+        elif isinstance(value, dict):
+            for k, v in value.items():
+                text = "  ".join(f"{n} {x}" for n, x in v.items()) if isinstance(v, dict) else v
+                print(f"{key}.{k}: {text}", flush=True)
+        else:
+            print(f"{key}: {value}", flush=True)
+
+
+def axis_rows(feedback: Feedback) -> list[dict[str, Any]]:
+    """One row per axis: what it does, where it is."""
+    return [
+        {
+            "axis": i,
+            "state": axis.state.name,
+            "drive": axis.drive_state.name,
+            "position": round(axis.position, 9),
+            "actual": round(axis.actual_position, 6),
+            "velocity": round(axis.velocity, 6),
+            "unit": axis.unit,
+        }
+        for i, axis in enumerate(feedback.axes)
+    ]
+
+
+def show_axes(options: argparse.Namespace, host: Host) -> int:
+    """Print what the axes do; the exit code 0."""
+    show(options, {"axes": axis_rows(host.feedback())})
+    return 0

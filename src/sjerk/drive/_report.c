@@ -1,0 +1,104 @@
+/* What a drive says at the end of a period: the statusword and the actual values, in the units of the
+ * objects.
+ *
+ * Never here: a decision; all that is said has happened.
+ */
+#include <stdint.h> /* fixed widths */
+#include "drive/_internal.h" /* what the files of the drive share */
+
+/* Bit 10: CSP inside the position window for its time; halted: standing. */
+static int target_reached(sj_drive *drive)
+{
+    const sj_drive_config *config = &drive->config;
+    const int64_t error = following_error(drive);
+
+    if (drive->state != SJ_STATE_OPERATION_ENABLED) {
+        drive->counts.window = 0;
+        return 0;
+    }
+    if (drive->controlword & SJ_CW_HALT) {
+        return drive->standing;
+    }
+    if (drive->mode != SJ_MODE_CSP || !drive->follows ||
+        (config->position_window != UINT32_MAX &&
+         (error > config->position_window || error < -(int64_t)config->position_window))) {
+        drive->counts.window = 0;
+        return 0;
+    }
+    drive->counts.window += drive->counts.window < UINT32_MAX;
+    return drive->counts.window * config->period_s * 1e3 >= config->position_time_ms;
+}
+
+static int32_t to_int32(double value)
+{
+    if (value >= 2147483647.0) {
+        return INT32_MAX;
+    }
+    if (value <= -2147483648.0) {
+        return INT32_MIN;
+    }
+    return (int32_t)(value < 0.0 ? value - 0.5 : value + 0.5);
+}
+
+static int16_t to_int16(double value)
+{
+    const int32_t whole = to_int32(value);
+    return (int16_t)(whole > INT16_MAX ? INT16_MAX : whole < INT16_MIN ? INT16_MIN : whole);
+}
+
+static int32_t position_word(const sj_drive *drive, int64_t units)
+{
+    return (int32_t)sj_point_wrap(drive, with_polarity(drive, units, SJ_POLARITY_POSITION));
+}
+
+void sj_report_words(sj_drive *drive, const sj_drive_rx *rx, sj_drive_tx *tx)
+{
+    const sj_drive_config *config = &drive->config;
+    const sj_servo *servo = &drive->servo;
+    const double to_units = units_per_increment(drive);
+    const double per_mille = 1000.0 / config->rated_torque_nm;
+    const double velocity_sign = config->polarity & SJ_POLARITY_VELOCITY ? -1.0 : 1.0;
+    const double torque_sign = config->polarity & SJ_POLARITY_TORQUE ? -1.0 : 1.0;
+    const int following = drive->follows && drive->state == SJ_STATE_OPERATION_ENABLED;
+    uint16_t word = sj_drive_state_bits(drive->state);
+
+    word |= has_cause(drive, SJ_FAULT_UNDER_VOLTAGE) ? 0 : SJ_SW_VOLTAGE;
+    word |= drive->warning ? SJ_SW_WARNING : 0;
+    word |= rx->sync_missed ? 0 : SJ_SW_SYNC;
+    word |= drive->local ? 0 : SJ_SW_REMOTE;
+    word |= drive->limited || servo->torque_limited || servo->speed_limited ? SJ_SW_LIMIT : 0;
+    if (drive->mode == SJ_MODE_HOMING) {
+        word |= sj_homing_bits(drive);
+    } else if ((drive->mode == SJ_MODE_PROFILE_POSITION ||
+                drive->mode == SJ_MODE_PROFILE_VELOCITY) &&
+               drive->state == SJ_STATE_OPERATION_ENABLED &&
+               !(drive->controlword & SJ_CW_HALT)) {
+        word |= sj_profile_bits(drive);
+    } else {
+        word |= target_reached(drive) ? SJ_SW_TARGET_REACHED : 0;
+        word |= following ? SJ_SW_FOLLOWS : 0;
+        word |= drive->following_error ? SJ_SW_FOLLOWING_ERROR : 0;
+    }
+
+    tx->statusword = word;
+    tx->mode_display = (int8_t)drive->mode;
+    tx->error_register = sj_drive_fault(drive->fault)->error_register;
+    tx->error_code = drive->error_code;
+    tx->position_actual = position_word(drive, drive->actual.units);
+    tx->position_demand = position_word(drive, drive->demand.point.units);
+    tx->following_error =
+        (int32_t)with_polarity(drive, following_error(drive), SJ_POLARITY_POSITION);
+    tx->velocity_actual = to_int32(velocity_sign * servo->measured_rad_s *
+                                   drive->constants.increments_per_rad * to_units);
+    tx->velocity_demand =
+        to_int32(velocity_sign * drive->demand.velocity / config->period_s * to_units);
+    tx->torque_actual = to_int16(torque_sign * servo->torque_nm * per_mille);
+    tx->torque_demand = to_int16(torque_sign * servo->command_nm * per_mille);
+    tx->current_actual = to_int16(servo->torque_nm * per_mille);
+    tx->position_internal = (int32_t)(uint32_t)(uint64_t)drive->actual.increments;
+    tx->demand_internal = (int32_t)(uint32_t)(uint64_t)drive->demand.point.increments;
+    tx->digital_inputs = sj_motion_inputs(drive);
+    tx->dc_link_mv = has_cause(drive, SJ_FAULT_UNDER_VOLTAGE)  ? 0
+                     : has_cause(drive, SJ_FAULT_OVER_VOLTAGE) ? 420000
+                                                               : 325000;
+}

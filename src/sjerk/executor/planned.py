@@ -1,0 +1,118 @@
+"""How the motion of a goal is planned: its trajectory checked, its way-points chosen.
+
+Never here: playing, watching, codes of results.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sjerk.executor.goal import Settings
+from sjerk.executor.sequencer import counted
+from sjerk.host import Feedback
+from sjerk.trajectory import ExecutionMode, FaultKind, Trajectory, TrajectoryError, resample
+from sjerk.trajectory.entering import Entered, Entry
+from sjerk.trajectory.segments import Knot
+
+
+@dataclass(eq=False)
+class PlannedGoal:
+    """How the motion of a goal is planned: of its axes in ascending order, along its way-points.
+
+    ``joint_axes``: axis numbers in the trajectory's order of joints. ``chosen`` (m,): which of its
+    way-points; ``offset`` (s): of its time that was over at the begin; ``stretch``: cycles more
+    than asked for, of what was planned last.
+    """
+
+    joint_axes: list[int]
+    axes: list[int]
+    way_points: Trajectory
+    chosen: NDArray[np.intp]
+    entry: Entry
+    stamp: float
+    single: bool
+    offset: float = 0.0
+    stretch: int = 0
+
+    def enter(self, knot: Knot, begins: float) -> Entered:
+        """From a state, at a time of the clock."""
+        self.stretch = 0
+        self.offset = max(0.0, begins - self.stamp) if self.stamp else 0.0
+        elapsed = begins - self.stamp if self.stamp else 0.0
+        last = self.way_points.time[-1]
+        made = self.entry.enter(self.way_points, knot, last if self.single else elapsed)
+        made.blocks = counted(made.blocks, self._lose)
+        return made
+
+    def _lose(self, cycles: int) -> None:
+        self.stretch += cycles
+
+
+def planned(
+    trajectory: Trajectory,
+    settings: Settings,
+    frame: Feedback,
+    joint_names: Sequence[str],
+    *,
+    stamp: float,
+    now: float,
+) -> PlannedGoal:
+    """Check a trajectory, and how its motion will be planned; raises TrajectoryError.
+
+    ``joint_names``: of the kernel's axes, in order. ``stamp`` and ``now`` (s) of one clock.
+    """
+    names = trajectory.joint_names
+    known = joint_names
+    if settings.allow_partial_joints:
+        known = [name for name in joint_names if name in names] or joint_names
+    faults = list(
+        trajectory.faults(
+            joints=known,
+            begins=now if stamp == 0.0 else stamp,
+            now=now,
+            end_velocity_allowed=settings.allow_end_velocity,
+        )
+    )
+    if any(fault.kind is FaultKind.JOINTS for fault in faults):
+        raise TrajectoryError(faults)
+    joint_axes = [joint_names.index(name) for name in names]
+    axes = [frame.axes[i] for i in joint_axes]
+    tolerance = settings.start_tolerance
+    faults += [
+        fault
+        for fault in trajectory.faults(
+            [axis.limits for axis in axes],
+            start=None if tolerance is None else [axis.position for axis in axes],
+            start_tolerance=tolerance or 1.0,
+            end_velocity_allowed=True,
+        )
+        # accelerations are kept anyway; a stretch is reported
+        if fault.kind is not FaultKind.ACCELERATION_LIMIT
+    ]
+    if faults:
+        raise TrajectoryError(faults)
+    single = settings.execution_mode is ExecutionMode.SINGLE_POINT
+    chosen = np.arange(len(trajectory))
+    if single:
+        chosen = chosen[-1:]
+    elif settings.resampling_delta:
+        chosen = resample(trajectory.position, settings.resampling_delta)
+    order = sorted(joint_axes)  # two goals of the same joints are then of the same axes
+    return PlannedGoal(
+        joint_axes,
+        order,
+        trajectory.take(chosen).for_joints([joint_names[i] for i in order]),
+        chosen,
+        Entry(
+            [frame.axes[i].limits for i in order],
+            frame.cycle_time,
+            settings.use_velocities,
+            settings.tolerance,
+        ),
+        stamp,
+        single,
+    )

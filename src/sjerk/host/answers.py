@@ -1,0 +1,82 @@
+"""What the kernel has answered to goals, kept for the handles of their motions.
+
+Never here: commands, waiting, the layout of the memory.
+"""
+
+from __future__ import annotations
+
+import threading
+from typing import Any
+
+from sjerk._binding import lib
+from sjerk.errors import RefusedError
+from sjerk.handshake import Segment
+from sjerk.host.events import EventKind
+from sjerk.host.feedback import PathState
+from sjerk.host.reader import EventCursor
+
+#: Why a goal was refused, by ``enum sj_result``.
+REASONS = {
+    lib.SJ_RESULT_NOT_FOLLOWING: "the drive does not follow (not enabled, or stopped by itself)",
+    lib.SJ_RESULT_PLAN: "a number or a limit cannot be planned with",
+    lib.SJ_RESULT_RANGE: "the goal is beyond what the drive can count",
+    lib.SJ_RESULT_LIMITS: "its limits are not numbers within those of the axis",
+    lib.SJ_RESULT_STOPPED: "a stop came with it, or the kernel is ending",
+    lib.SJ_RESULT_STATE: "the axis is stopping, homing, or has an error",
+    lib.SJ_RESULT_LIMIT: "it would leave the position limits of the axis",
+    lib.SJ_RESULT_SPEED: "faster than the drive follows",
+    lib.SJ_RESULT_KIND: "a record of an unknown kind, or not in its place",
+    lib.SJ_RESULT_START: "the path does not begin where the axes are: move there first",
+    lib.SJ_RESULT_SEGMENT: "a segment is not valid, or does not continue the one before",
+    lib.SJ_RESULT_BEGUN: "what it is to replace has begun, or its path is over",
+}
+_KEPT = 4096  # answers of each kind
+
+
+def refusal(code: int, axis: int, detail: str = "") -> RefusedError:
+    """The error of an ``enum sj_result``; ``axis`` -1: of none in particular."""
+    return RefusedError(code, "; ".join(filter(None, (REASONS[code], detail))), axis)
+
+
+class Answers:
+    """The newest answers to goals by their ids, by the events."""
+
+    def __init__(self, segment: Segment) -> None:
+        """From now on."""
+        self._events = EventCursor(segment)
+        self._lock = threading.Lock()  # the threads of paths ask too
+        self._results: dict[int, tuple[int, int]] = {}
+        self._reached: dict[int, int] = {}  # the cycle in which a goal was reached
+        self._path_states: dict[int, int] = {}
+
+    def _look(self) -> None:
+        with self._lock:
+            while (event := self._events.next()) is not None:
+                table: dict[int, Any]
+                answer: Any
+                if event.kind == EventKind.GOAL:
+                    table, answer = self._results, (event.code, event.axis)
+                elif event.kind == EventKind.PATH:
+                    table, answer = self._path_states, event.code
+                elif event.kind == EventKind.REACHED:
+                    table, answer = self._reached, event.cycle
+                else:
+                    continue
+                table[event.goal_id] = answer
+                table.pop(event.goal_id - _KEPT, None)
+
+    def result(self, goal_id: int, frame: Any) -> tuple[int, int] | None:
+        """Result and axis of a goal that the kernel has passed; None: it never saw it."""
+        if frame.result_goal_id == goal_id:
+            return frame.result, frame.result_axis
+        self._look()
+        return self._results.get(goal_id)
+
+    def reached(self, goal_id: int) -> bool:
+        """Whether all axes of the goal have been on it."""
+        self._look()
+        return goal_id in self._reached
+
+    def path_state(self, goal_id: int) -> PathState:
+        """The last state of a path that an event reported; SENT for none."""
+        return PathState(self._path_states.get(goal_id, PathState.SENT))

@@ -1,0 +1,160 @@
+"""Limits and states of one axis: what every motion is planned under, from and to.
+
+Plain values, checked once when they are made. Each keeps its own memory as C reads it, so that the
+planner does not convert it again for every plan. Never here: motion.
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass, field
+
+from sjerk.errors import InputError, positive, real
+
+#: Cycle times for which a ``Limits`` keeps its values per cycle.
+_CYCLE_TIMES_KEPT = 16
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """Kinematic limits of one axis: magnitudes in its own unit u and seconds.
+
+    ``velocity`` in u/s, ``acceleration`` in u/s^2, ``jerk`` in u/s^3. They limit the acceleration
+    in the direction of the move; ``deceleration`` and ``deceleration_jerk`` (default: the same)
+    limit the acceleration against it. ``position`` is the range (low, high) in u that targets must
+    lie in; None is no range. The paper's V_max, Acc_max, J_max, Dec_max.
+
+    Raises ``InputError`` for anything but finite numbers greater than zero, and for a range whose
+    low end is not below its high end.
+
+    >>> Limits(velocity=90.0, acceleration=500.0, jerk=5000.0).deceleration
+    500.0
+    """
+
+    velocity: float
+    acceleration: float
+    jerk: float
+    deceleration: float | None = None
+    deceleration_jerk: float | None = None
+    position: tuple[float, float] | None = None
+    #: For C calls: an ``sj_limits`` per second. Empty with a range, which each target is held to.
+    memory: bytes = field(init=False, repr=False, compare=False, default=b"")
+    _cycled: dict[float, bytes] = field(init=False, repr=False, compare=False, default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.position is not None:
+            try:
+                low, high = self.position
+            except (TypeError, ValueError):
+                raise InputError("position", self.position, "must be (low, high)") from None
+            low, high = real("position[0]", low), real("position[1]", high)
+            if not low < high:
+                raise InputError("position", self.position, "low must be below high")
+            object.__setattr__(self, "position", (low, high))
+        for name, fallback in (
+            ("velocity", None),
+            ("acceleration", None),
+            ("jerk", None),
+            ("deceleration", "acceleration"),
+            ("deceleration_jerk", "jerk"),
+        ):
+            value = getattr(self, name)
+            if value is None and fallback is not None:
+                value = getattr(self, fallback)
+            object.__setattr__(self, name, positive(name, value))
+        if self.position is None:
+            numbers = self.velocity, self.acceleration, self.jerk, *self.braking
+            object.__setattr__(self, "memory", struct.pack("5d", *numbers))
+
+    @classmethod
+    def from_jerk_factor(
+        cls,
+        velocity: float,
+        acceleration: float,
+        jerk_factor: float,
+        *,
+        deceleration: float | None = None,
+        deceleration_jerk_factor: float | None = None,
+        position: tuple[float, float] | None = None,
+    ) -> Limits:
+        """Limits from a jerk factor s in (0, 1], the share of a full ramp spent at jerk.
+
+        s = T1 / Ta for a ramp from rest to ``velocity``, T1 and Ta as in Eqs. (7) and (8); so
+        J = Acc^2 / (s V). 1 is a pure S, near 0 a trapezoid. Raises ``InputError``.
+
+        >>> Limits.from_jerk_factor(90.0, 450.0, 0.5).jerk
+        4500.0
+        """
+        braking = acceleration if deceleration is None else deceleration
+        factors = (
+            jerk_factor,
+            jerk_factor if deceleration_jerk_factor is None else deceleration_jerk_factor,
+        )
+        for name, factor in zip(("jerk_factor", "deceleration_jerk_factor"), factors, strict=True):
+            if positive(name, factor) > 1.0:
+                raise InputError(name, factor, "must lie in (0, 1]")
+        v = positive("velocity", velocity)
+        jerks = [
+            positive(name, level) ** 2 / (factor * v)
+            for name, level, factor in zip(
+                ("acceleration", "deceleration"), (acceleration, braking), factors, strict=True
+            )
+        ]
+        return cls(velocity, acceleration, jerks[0], braking, jerks[1], position)
+
+    @property
+    def braking(self) -> tuple[float, float]:
+        """Deceleration (u/s^2) and its jerk (u/s^3), as plain floats."""
+        assert self.deceleration is not None
+        assert self.deceleration_jerk is not None
+        return self.deceleration, self.deceleration_jerk
+
+    def per_cycle(self, cycle_time: float) -> bytes:
+        """For C calls: the limits per cycle of ``cycle_time`` seconds, as an ``sj_limits``.
+
+        Made once per cycle time. Raises ``InputError`` for a cycle time that is not positive.
+
+        >>> len(Limits(90.0, 500.0, 5000.0).per_cycle(1e-3))
+        40
+        """
+        made = self._cycled.get(cycle_time) if cycle_time.__class__ is float else None
+        if made is None:
+            T = positive("cycle_time", cycle_time)
+            deceleration, deceleration_jerk = self.braking
+            made = struct.pack(
+                "5d",
+                self.velocity * T,
+                self.acceleration * T**2,
+                self.jerk * T**3,
+                deceleration * T**2,
+                deceleration_jerk * T**3,
+            )
+            # with a range every target is looked at anyway
+            if self.position is None and len(self._cycled) < _CYCLE_TIMES_KEPT:
+                self._cycled[T] = made
+        return made
+
+
+@dataclass(frozen=True, slots=True)
+class State:
+    """Position (u), velocity (u/s) and acceleration (u/s^2) of one axis at one moment.
+
+    Raises ``InputError`` for what is no finite number.
+
+    >>> State(160.0)
+    State(position=160.0, velocity=0.0, acceleration=0.0)
+    """
+
+    position: float
+    velocity: float = 0.0
+    acceleration: float = 0.0
+    #: For C calls: an ``sj_state``, made once for every later call.
+    memory: bytes = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        numbers = [
+            real(name, getattr(self, name)) for name in ("position", "velocity", "acceleration")
+        ]
+        for name, number in zip(("position", "velocity", "acceleration"), numbers, strict=True):
+            object.__setattr__(self, name, number)
+        object.__setattr__(self, "memory", struct.pack("3d", *numbers))

@@ -1,0 +1,336 @@
+"""The command line: what scripts depend on."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sjerk import Axis, InputError, Limits, MotionKernel, Recording
+from sjerk.__main__ import main
+from sjerk.cli import common
+from sjerk.cli.arguments import by_axis, duration, duration_or_inf
+from sjerk.handshake import Layout, Segment
+
+LEAVE = (
+    "import os, sys; from sjerk.handshake import *; "
+    "s = Segment.create(sys.argv[1], Layout(command_bytes=8, feedback_bytes=8)); "
+    "os._exit(0)"
+)
+
+
+def sjerk(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "sjerk", *arguments], capture_output=True, text=True, timeout=600
+    )
+
+
+def test_clean_removes_the_segments_of_the_dead_and_never_one_in_use() -> None:
+    """A dead creator's segment is listed, then removed; a living one is left alone."""
+    dead, living = f"dead-{os.getpid()}", f"living-{os.getpid()}"
+    subprocess.run([sys.executable, "-c", LEAVE, dead], check=True)
+    with Segment.create(living, Layout(command_bytes=8, feedback_bytes=8)):
+        dry = sjerk("clean", "--dry-run")
+        assert f"{dead}:" in dry.stdout
+        done = sjerk("clean")
+        assert done.returncode == 0
+        lines = {line.split(":")[0]: line for line in done.stdout.splitlines()}
+        assert lines[dead].endswith("removed")
+        assert lines[living].endswith("in use")
+        names = [entry.name for entry in Path("/dev/shm").iterdir()]
+        assert not [name for name in names if dead in name]
+        assert [name for name in names if living in name]
+
+
+def test_wrong_arguments_exit_with_2() -> None:
+    """No job, or one that does not exist."""
+    assert sjerk().returncode == 2
+    assert sjerk("dance").returncode == 2
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        *(("move", "0=30", "--timeout", word) for word in ("nan", "-1", "0", "inf", "soon")),
+        *(("follow", "way.csv", "--timeout", word) for word in ("nan", "-1")),
+        *(("report", "--seconds", word) for word in ("nan", "-1", "inf")),
+        *(("monitor", "--seconds", word) for word in ("nan", "-1")),
+        *(("record", "a.mcap", "--seconds", word) for word in ("nan", "-1")),
+        *(("kernel", "robot.toml", "--seconds", word) for word in ("nan", "-1", "0")),
+    ],
+)
+def test_durations_are_checked_by_the_parser(
+    arguments: tuple[str, ...], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Before a kernel is looked for: exit code 2, the option is named."""
+    with pytest.raises(SystemExit) as ended:
+        main(list(arguments))
+    assert ended.value.code == 2
+    assert f"argument {arguments[-2]}: " in capsys.readouterr().err
+
+
+@given(st.floats(min_value=1e-9, max_value=1e9))
+def test_a_duration_is_its_number(seconds: float) -> None:
+    """Every sane number of seconds is taken as it is; inf where it is allowed."""
+    assert duration(repr(seconds)) == duration_or_inf(repr(seconds)) == seconds
+    assert duration_or_inf("inf") == math.inf
+
+
+@given(st.dictionaries(st.integers(0, 63), st.floats(allow_nan=False), min_size=1))
+def test_words_by_axis(wanted: dict[int, float]) -> None:
+    """AXIS=NUMBER words name axes, numbers alone are in order; never both, no axis twice."""
+    words = [f"{axis}={value!r}" for axis, value in wanted.items()]
+    assert by_axis("target", words) == wanted
+    assert by_axis("target", [repr(value) for value in wanted.values()]) == list(wanted.values())
+    for wrong in ([*words, "1.0"], [*words, words[0]], [*words, "=1"], ["x"]):
+        with pytest.raises(InputError, match="target"):
+            by_axis("target", wrong)
+
+
+FILE = """
+cycle_time = 1e-3
+[[axes]]
+unit = "deg"
+counts_per_unit = 46603.37777777778
+limits = { velocity = 90, acceleration = 500, jerk = 5000, position = [-170, 170] }
+[[axes]]
+unit = "deg"
+counts_per_unit = 46603.37777777778
+limits = { velocity = 90, acceleration = 400, jerk = 4000, position = [-170, 170] }
+"""
+
+
+def test_a_person_runs_a_kernel_by_commands(tmp_path: Path) -> None:
+    """Start, enable, move, refuse, jog, stop, look, end by SIGTERM; the exit codes tell."""
+    file, name = tmp_path / "robot.toml", f"line-{os.getpid()}"
+    file.write_text(FILE)
+    kernel = subprocess.Popen(
+        [sys.executable, "-m", "sjerk", "kernel", str(file), "--name", name, "--json"],
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert kernel.stdout is not None
+
+    def say(job: str, *arguments: str) -> tuple[int, dict]:
+        done = sjerk(job, *arguments, "--name", name, "--json")
+        return done.returncode, json.loads(done.stdout) if done.stdout else {}
+
+    with kernel.stdout:
+        started = json.loads(kernel.stdout.readline())
+        assert (started["kernel"], started["axes"]) == (name, 2)
+        assert sjerk("move", "1", "2", "--name", name).returncode == 3  # not enabled
+        assert say("enable")[0] == 0
+        code, after = say("move", "0=10", "1=-5", "--synchronization", "phase")
+        assert code == 0
+        assert [axis["position"] for axis in after["axes"]] == [10.0, -5.0]
+        assert sjerk("move", "0=171", "--name", name).returncode == 1  # beyond the limits
+        assert sjerk("move", "0=x", "--name", name).returncode == 1
+        alone = sjerk("move", "10", "--name", name)
+        assert alone.returncode == 1
+        assert "one target per axis (2)" in alone.stderr
+        code, after = say("move", "0=11", "1=-6", "--velocity", "20")  # axis 1 accelerates less
+        assert code == 0
+        assert [axis["position"] for axis in after["axes"]] == [11.0, -6.0]
+        late = sjerk("move", "0=160", "--timeout", "0.05", "--name", name)
+        assert late.returncode == 5
+        assert late.stderr == "sjerk: move to 160.0 (axis 0): not within 0.05 s\n"
+        code, after = say("stop", "--quick")
+        assert code == 0
+        assert after["axes"][0]["velocity"] == 0.0
+        assert say("move", "0=-10", "--no-wait")[0] == 0
+        assert say("move", "0=-12", "--buffer", "blend low", "--no-wait")[0] == 0
+        code, after = say("move", "0=-13", "--buffer", "buffered")
+        assert code == 0
+        assert after["axes"][0]["position"] == -13.0
+        assert sjerk("move", "0=1", "--buffer", "sometime", "--name", name).returncode == 2
+        code, after = say("jog", "0=-2", "1=2")
+        assert code == 0
+        code, after = say("status")
+        assert [axis["state"] for axis in after["axes"]] == ["CONTINUOUS_MOTION"] * 2
+        assert say("stop")[0] == 0
+        code, after = say("report", "--seconds", "0.2")
+        assert [row["of"] for row in after["times_us"]] == ["latency", "period", "computing"]
+        assert {row["count"] for row in after["times_us"]} == {after["cycles"]}
+        judged = after["cyclictest_us"]
+        assert judged == "not installed" or judged["count"] > 100
+        assert say("disable")[0] == 0
+        waits = sjerk("move", "1", "2", "--buffer", "buffered", "--name", name)
+        assert waits.returncode == 3
+        assert "refused by axis 0: the drive does not follow" in waits.stderr
+        kernel.terminate()
+        assert kernel.wait(timeout=600.0) == 0
+    assert sjerk("status", "--name", name).returncode == 6
+    assert not [entry for entry in Path("/dev/shm").iterdir() if name in entry.name]
+
+
+def test_a_kernel_with_drives_outside_is_refused_in_a_line(tmp_path: Path) -> None:
+    """Nobody would exchange their image in a process of its own: said before anything runs."""
+    file = tmp_path / "robot.toml"
+    file.write_text(FILE + 'drive = "external"\n')
+    done = sjerk("kernel", str(file), "--name", f"outside-{os.getpid()}")
+    assert done.returncode == 1
+    assert "external drives are for step()" in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+
+
+@pytest.mark.parametrize("order", [b"", b"\x80\x05"])
+def test_a_kernel_process_without_its_order_ends_quietly(order: bytes) -> None:
+    """Whoever started it was ended before, or while, it said what to run."""
+    program = [sys.executable, "-P", "-m", "sjerk.kernel"]
+    done = subprocess.run(program, input=order, capture_output=True, timeout=600)
+    assert (done.returncode, done.stdout, done.stderr) == (0, b"", b"")
+
+
+def test_a_kernel_that_is_ended_before_it_runs_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Ctrl-C while it starts: exit code 130, not that of a kernel that ran."""
+    file = tmp_path / f"early-{os.getpid()}.toml"
+    file.write_text(FILE)
+    start = MotionKernel.__enter__
+
+    def interrupted(kernel: MotionKernel) -> MotionKernel:
+        start(kernel)
+        kernel.__exit__()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(MotionKernel, "__enter__", interrupted)
+    assert main(["kernel", str(file)]) == 130
+
+
+def test_a_picture_of_an_unknown_kind_is_refused_first(capsys: pytest.CaptureFixture[str]) -> None:
+    """Before the recording is read: the kinds there are."""
+    assert main(["plot", "none.mcap", "--out", "x.abc"]) == 1
+    told = capsys.readouterr().err
+    assert told.startswith("sjerk: out = 'x.abc': must end in ")
+    assert ".png" in told
+
+
+def test_a_missing_extra_is_named_with_its_module(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """One line, and what to install."""
+    file = tmp_path / "robot.toml"
+    file.write_text(FILE)
+    monkeypatch.setitem(sys.modules, "pyarrow.parquet", None)
+    monkeypatch.delitem(sys.modules, "sjerk.recording.parquet", raising=False)
+    assert main(["kernel", str(file), "--record", "a.parquet"]) == 1
+    told = capsys.readouterr().err
+    assert told == "sjerk: module 'pyarrow' is not installed: the extra is sjerk[record]\n"
+
+
+def test_where_no_kernel_runs_is_told_like_an_unknown_one(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Exit code 6, with a name and without; where many run it is to be named."""
+    monkeypatch.setattr(common, "clean", lambda dry_run: [])
+    for job in ("status", "enable", "monitor", "report"):
+        assert main([job]) == 6
+        assert capsys.readouterr().err == "sjerk: no kernel runs\n"
+    assert main(["status", "--name", f"nobody-{os.getpid()}"]) == 6
+    capsys.readouterr()
+    assert main(["status", "--name", ""]) == 1
+    assert "kernel name ''" in capsys.readouterr().err
+
+
+def test_a_recording_is_not_overwritten_without_force(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of a kernel from its begin, and of one that runs; refused before anything runs."""
+    file, out = tmp_path / "robot.toml", tmp_path / "out.mcap"
+    file.write_text(FILE)
+    name = f"force-{os.getpid()}"
+    axis = Axis(Limits(90.0, 500.0, 5000.0), 2**24 / 360.0)
+    with MotionKernel([axis], 1e-3) as kernel:
+        for job in (
+            ["kernel", str(file), "--name", name, "--record", str(out), "--seconds", "0.2"],
+            ["record", str(out), "--name", kernel.name, "--seconds", "0.2"],
+        ):
+            out.write_bytes(b"precious")
+            assert main(job) == 1
+            told = capsys.readouterr().err
+            assert told == f"sjerk: file = '{out}': exists: --force overwrites it\n"
+            assert out.read_bytes() == b"precious"
+            assert main([*job, "--force"]) == 0
+            assert len(Recording.open(out)) > 0
+
+
+def test_a_bad_name_is_told_as_it_was_given(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """Without the suffix of what goes with a kernel."""
+    file = tmp_path / "robot.toml"
+    file.write_text(FILE)
+    assert main(["kernel", str(file), "--name", "bad name"]) == 1
+    assert "kernel name 'bad name' must be" in capsys.readouterr().err
+
+
+def test_exit_codes_are_in_the_help(capsys: pytest.CaptureFixture[str]) -> None:
+    """Each of them."""
+    with pytest.raises(SystemExit):
+        main(["--help"])
+    assert "Exit codes: 0 done" in capsys.readouterr().out
+
+
+def test_who_is_host_already_is_named_with_what_halts_it() -> None:
+    """A stop beside a host of this process: its process, and the order that ends its move."""
+    axis = Axis(Limits(90.0, 500.0, 5000.0), 2**24 / 360.0, unit="deg")
+    with MotionKernel([axis], 1e-3) as kernel, kernel.host():
+        done = sjerk("stop", "--name", kernel.name)
+        assert done.returncode == 1
+        assert f"process {os.getpid()}: Ctrl-C there, or `kill -INT {os.getpid()}`" in done.stderr
+
+
+LEAD = """
+import sys, time
+from sjerk import Host
+with Host.attach(sys.argv[1]) as host:
+    host.enable()
+    host.jog(20.0).accepted()
+    print("leads", flush=True)
+    while True:
+        time.sleep(1.0)
+"""
+
+
+@pytest.mark.parametrize("quick", [(), ("--quick",)])
+def test_a_stop_with_interrupt_ends_the_program_that_leads_and_stops_what_it_moved(
+    quick: tuple[str, ...],
+) -> None:
+    """From another terminal: the host leaves, then this one stops the axes; without it, refused."""
+    axis = Axis(Limits(90.0, 500.0, 5000.0), 2**24 / 360.0, unit="deg")
+    with MotionKernel([axis], 1e-3) as kernel:
+        leader = subprocess.Popen(
+            [sys.executable, "-c", LEAD, kernel.name],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        assert leader.stdout is not None
+        assert leader.stdout.readline() == "leads\n"
+        refused = sjerk("stop", "--name", kernel.name)
+        assert refused.returncode == 1
+        assert "`sjerk stop --interrupt`" in refused.stderr
+        done = sjerk("stop", "--interrupt", "--json", *quick, "--name", kernel.name)
+        assert done.returncode == 0, done.stderr
+        assert "KeyboardInterrupt" in leader.communicate(timeout=600)[1]
+        again = sjerk("stop", "--interrupt", "--name", kernel.name)  # nobody leads
+        assert again.returncode == 0, again.stderr
+        with kernel.host() as host:
+            assert host.feedback().axes[0].velocity == 0.0
+
+
+def test_the_live_table_needs_no_host(tmp_path: Path) -> None:
+    """Monitor shows a row per axis and leaves by itself."""
+    axis = Axis(Limits(90.0, 500.0, 5000.0), 2**24 / 360.0, unit="deg")
+    with MotionKernel([axis], 1e-3) as kernel, kernel.host():
+        shown = sjerk("monitor", "--seconds", "0.3", "--name", kernel.name)
+        assert shown.returncode == 0, shown.stderr
+        assert "DISABLED" in shown.stdout

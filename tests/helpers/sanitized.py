@@ -1,0 +1,61 @@
+"""Run pytest against a build of the C core with sanitizers; a program, started by its test.
+
+    python -m helpers.sanitized FOLDER [pytest arguments]
+
+FOLDER gets a package ``sjerk`` of links to the Python sources and a `_core` built with ASan and
+UBSan, which then shadows the installed one. Needs LD_PRELOAD of libasan; see test_sanitizers.py.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import sysconfig
+from pathlib import Path
+
+from helpers.root import ROOT, SOURCES
+
+FLAGS = [
+    "-std=c11", "-g", "-O1", "-ffp-contract=off", "-fPIC", "-shared", "-fno-omit-frame-pointer",
+    "-fsanitize=address,undefined", "-fno-sanitize-recover=all",
+]  # fmt: skip
+
+
+def build(folder: Path) -> None:
+    """Make the package in ``folder``."""
+    package = folder / "sjerk"
+    package.mkdir()
+    for source in SOURCES.iterdir():
+        if source.suffix == ".py" or source.is_dir():
+            (package / source.name).symlink_to(source)
+    binding, cdef, begin = folder / "_core.c", folder / "_core.cdef", folder / "_core.c.in"
+    contract = ROOT / "tools" / "contract.py"
+    subprocess.run([sys.executable, contract, cdef, begin], check=True)
+    subprocess.run(
+        [sys.executable, "-m", "cffi.gen_src", "read-sources", "sjerk._core", cdef, begin, binding],
+        check=True,
+    )
+    subprocess.run(
+        [os.environ.get("CC", "cc"), *FLAGS, f"-I{SOURCES}", f"-I{sysconfig.get_path('include')}",
+         binding, *sorted(SOURCES.rglob("_*.c")), "-lm", "-o", package / "_core.abi3.so"],
+        check=True,
+    )  # fmt: skip
+
+
+def main() -> int:
+    """Test the package in the given folder."""
+    folder = Path(sys.argv[1])
+    # an editable installation answers imports before the path does
+    sys.meta_path[:] = [f for f in sys.meta_path if "editable" not in type(f).__module__]
+    sys.path.insert(0, str(folder))
+    import pytest
+
+    import sjerk._core
+
+    assert Path(sjerk._core.__file__).parent.parent == folder
+    return int(pytest.main(["-q", "-p", "no:cacheprovider", *sys.argv[2:]]))
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

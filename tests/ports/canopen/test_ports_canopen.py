@@ -1,0 +1,82 @@
+"""The CANopen port: an unmodified master is the judge, in one process and across processes."""
+
+from __future__ import annotations
+
+import json
+import shlex
+import subprocess
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import can
+import pytest
+
+from helpers.canopen_judge import DEMANDS, NODE, Bench
+from helpers.root import program
+from sjerk.cia402 import Drive
+from sjerk.drive.device import Device
+from sjerk.ports.canopen import Node, sender
+
+
+@pytest.fixture
+def drive_on_virtual(tmp_path: Path) -> Iterator[tuple[str, Path]]:
+    """A drive in a thread on a bus of its own: (channel, data sheet)."""
+    channel = f"sjerk-{tmp_path.name}"
+    device = Device(Drive(), node_id=NODE)
+    sheet = tmp_path / "drive.eds"
+    sheet.write_text(device.data_sheet())
+    stop = threading.Event()
+    with can.Bus(interface="virtual", channel=channel) as bus:
+        node = Node(device, sender(bus), now=time.monotonic())
+        thread = threading.Thread(target=node.run, args=(bus, stop.is_set))
+        thread.start()
+        yield channel, sheet
+        stop.set()
+        thread.join()
+
+
+@pytest.mark.parametrize("path", ["PDO", "SDO"])
+@pytest.mark.parametrize("demand", DEMANDS)
+def test_base_node_402_is_satisfied_in_one_process(
+    demand: str, path: str, drive_on_virtual: tuple[str, Path]
+) -> None:
+    """canopen.BaseNode402 on a virtual bus."""
+    channel, sheet = drive_on_virtual
+    bench = Bench("virtual", channel, sheet, by_pdo=path == "PDO")
+    try:
+        DEMANDS[demand](bench)
+    finally:
+        bench.close()
+
+
+NAMESPACE = ["unshare", "-Urn", "sh", "-c"]
+LOOPBACK = "ip link set lo up && ip route add 239.0.0.0/8 dev lo"
+
+
+@pytest.fixture(scope="session")
+def across_processes() -> dict[str, dict[str, str]]:
+    """Outcomes of the judge and the drive as two processes, in a network of their own."""
+    try:
+        denied = subprocess.run([*NAMESPACE, LOOPBACK], capture_output=True, text=True)
+    except FileNotFoundError as error:
+        pytest.skip(f"no unshare: {error}")
+    if denied.returncode:
+        pytest.skip(f"no network namespace with a multicast route: {denied.stderr.strip()}")
+    outcomes = {}
+    for path in ("PDO", "SDO"):
+        command = f"{LOOPBACK} && exec {shlex.join(program('helpers.canopen_judge', path))}"
+        done = subprocess.run([*NAMESPACE, command], capture_output=True, text=True, timeout=300)
+        assert done.returncode == 0, done.stderr
+        outcomes[path] = json.loads(done.stdout.splitlines()[-1])
+    return outcomes
+
+
+@pytest.mark.parametrize("path", ["PDO", "SDO"])
+@pytest.mark.parametrize("demand", DEMANDS)
+def test_base_node_402_is_satisfied_across_processes(
+    demand: str, path: str, across_processes: dict[str, dict[str, str]]
+) -> None:
+    """canopen.BaseNode402 on udp_multicast, the drive started by its command line."""
+    assert across_processes[path][demand] == ""
