@@ -10,7 +10,7 @@ import pytest
 from helpers.following_check import PANDA, Array, T, rationals, recording, recording_keeps, toppra_plan
 from sjerk import InputError, Limits, follow_path, follow_stops, plan
 from sjerk.trajectory.segments import Followed
-from trajectory.test_following import cycles, largest
+from test_following import cycles, largest
 
 ROBOT = Limits(velocity=2.0, acceleration=4.0, jerk=500.0)
 CIRCLE = np.linspace(0.0, 2.0 * np.pi, 106)

@@ -304,7 +304,10 @@ class Timed:
             total = float(ends[-1]) + (0.0 if task.end is not None else length - float(asked[-1]))
             starts.append(self._start(task, ends[: len(asked)], left, int(np.ceil(total))))
         best: tuple[float, Knots, Answer] | None = None
+        shortest = min(start.length for start in starts)
         for start in sorted(starts, key=lambda x: x.length):
+            if start.length > 10.0 * shortest:
+                break
             made = self._finished(task, asked, length, start)
             if made is not None and (best is None or made[0] < best[0]):
                 best = made
@@ -323,8 +326,9 @@ class Timed:
         few, keep = start.few, start.keep
         found = fastest(start.task, start.knots, start.answer, keep)
         final, answer = in_cycles(start.task, start.knots, found, keep)
-        ends = np.append(asked[few], length), np.append(answer.moments, final.duration)
-        every = np.interp(asked, *(np.concatenate([[-0.5], column]) for column in ends))
+        every = answer.moments
+        if len(few) < len(asked):
+            every = _between(start.moments, few, answer.moments, asked, final.duration)
         answer = replace(answer, moments=every)
         if len(few) == len(asked):
             return 0.0, final, answer
@@ -352,7 +356,7 @@ class Timed:
             if answer is not None and (other is None or other.pace > (1.0 - _NOISE) * answer.pace):
                 break
             answer, keep = other, 10.0 * keep
-        return _Start(thin, knots, few, keep, answer)
+        return _Start(thin, knots, moments, few, keep, answer)
 
 
 @dataclass(frozen=True, eq=False)
@@ -361,6 +365,7 @@ class _Start:
 
     task: Task
     knots: Knots
+    moments: FloatArray
     few: IntArray
     keep: float | FloatArray
     answer: Answer | None
@@ -368,6 +373,24 @@ class _Start:
     @property
     def length(self) -> float:
         return np.inf if self.answer is None else self.answer.pace * self.knots.duration
+
+
+def _between(
+    begun: FloatArray, few: IntArray, found: FloatArray, asked: FloatArray, end: float
+) -> FloatArray:
+    """Moments of all way-points between those found for ``few``: none sooner than asked."""
+    known = np.concatenate([[0.0], begun[few], [max(end, float(begun[-1]) + 1.0)]])
+    every = np.interp(begun, known, np.concatenate([[0.0], found, [end]]))
+    at, latest = dict(zip(few.tolist(), found.tolist(), strict=True)), end
+    gaps = np.diff(asked, append=asked[-1]).tolist()
+    row = every.tolist()
+    for i in range(len(row) - 1, -1, -1):
+        latest = at.get(i, min(row[i], latest - gaps[i]))
+        row[i] = latest
+    for i in range(1, len(row)):
+        if i not in at:
+            row[i] = max(row[i], row[i - 1] + gaps[i - 1])
+    return np.array(row)
 
 
 def _least_gaps(rows: FloatArray, table: FloatArray) -> FloatArray:
