@@ -193,7 +193,8 @@ def test_ways_that_reverse_repeat_and_coincide(shape: str, period: float) -> Non
     q = np.array(SHAPES[shape])[:, None] * [1.0, -0.5]
     way = Trajectory(["a", "b"], period * np.arange(len(q)), q)
     blocks = whole(way, [ROBOT] * 2)
-    assert largest(blocks) <= 2e-4
+    # closer than a cycle the same place cannot be passed again and again but at rest
+    assert largest(blocks) <= (2e-4 if period > T else ROBOT.velocity * T)
     rationals(blocks, ROBOT, 1)
 
 

@@ -47,6 +47,8 @@ from sjerk.trajectory.window import (
 _FEWEST = 8
 #: Finer knots, and cycles more: what is tried where the own time nearly keeps the limits.
 _LADDER = ((2.0, 1), (4.0, 1), (4.0, 2), (8.0, 2), (4.0, 4), (4.0, 10))
+#: A pace that is no start: way-points that these knots cannot tell apart.
+_LOST = 1e3
 #: A stretch for which finer knots are worth trying.
 _NEARLY = 0.05
 #: Where ten times the tolerance saves more than this share of a uniform stretch, it is noise.
@@ -296,18 +298,19 @@ class Timed:
                 made = self._own_time(task, asked, left, length + late, finer, 0.5 * late)
                 if made is not None:
                     return made
-        starts = [start]
-        if start.answer is None or start.answer.pace > 1.0 + _NEARLY:
+        best: tuple[float, Knots, Answer] | None = None
+        if start.answer is not None and start.answer.pace <= 1.0 + _NEARLY:
+            best = self._finished(task, asked, length, start)
+            starts = []
+        else:
+            starts = [start]
+        if best is None or best[0] > 1.0:
             rows = [0.0 * task.start[:1], task.points]
             rows += [] if task.end is None else [task.end[None]]
             ends = np.cumsum(np.maximum(_least_gaps(np.concatenate(rows), self._table), task.least))
             total = float(ends[-1]) + (0.0 if task.end is not None else length - float(asked[-1]))
             starts.append(self._start(task, ends[: len(asked)], left, int(np.ceil(total))))
-        best: tuple[float, Knots, Answer] | None = None
-        shortest = min(start.length for start in starts)
         for start in sorted(starts, key=lambda x: x.length):
-            if start.length > 10.0 * shortest:
-                break
             made = self._finished(task, asked, length, start)
             if made is not None and (best is None or made[0] < best[0]):
                 best = made
@@ -321,7 +324,7 @@ class Timed:
         self, task: Task, asked: FloatArray, length: int, start: _Start
     ) -> tuple[float, Knots, Answer] | None:
         """In whole cycles and past all way-points; first, how much further off than it should be."""
-        if start.answer is None:
+        if start.answer is None or start.answer.pace > _LOST:
             return None
         few, keep = start.few, start.keep
         found = fastest(start.task, start.knots, start.answer, keep)
@@ -349,7 +352,9 @@ class Timed:
         )
         least = _sums(task.least, few, task.end is not None)
         thin = replace(task, points=task.points[few], speed=None, least=least)
-        keep = resolution(thin, knots, moments[few], 1.0)
+        keep: float | FloatArray = 1.0
+        if float(knots.lengths.mean()) > 2.0:  # with the finest knots only time helps
+            keep = resolution(thin, knots, moments[few], 1.0)
         answer = feasible(thin, knots, moments[few], 1.0, keep)
         while np.max(keep) < 1e7 and (answer is None or answer.pace > 1.0 + _NOISE):
             other = feasible(thin, knots, moments[few], 1.0, 10.0 * keep)

@@ -313,17 +313,20 @@ class Programme:
         self._unit = unit
 
     def _positions(self) -> None:
-        """Bezier points of every segment inside: those beside each knot."""
+        """Bezier points of the commanded q = P + 5/24 A inside, those beside each knot."""
         task, knots = self._task, self._knots
         if task.box is None:
             return
         r = knots.lengths[:, None] / 3.0
         low, high = (task.box.T - self._origin) / task.scale
         one, first = np.ones(len(task.unit)), np.arange(len(knots))
-        right = knots.position[:-1] + r * knots.velocity[:-1]
-        left = knots.position[1:] - r * knots.velocity[1:]
+        half = HALF_CYCLE / self._before.pace**2
+        place, speed = knots.position + half * knots.acceleration, knots.velocity
+        right, left = half * r * knots.jerk, -half * r * knots.jerk
+        right[:, :3] += place[:-1] + r * speed[:-1]
+        left[:, 1:] += place[1:] - r * speed[1:]
         self._stencil(right, first, one, low, high)
-        self._stencil(left, first + 1, one, low, high)
+        self._stencil(left, first, one, low, high)
 
     # ---- the answer
 
