@@ -330,7 +330,7 @@ int32_t sj_arrow_solve(const sj_arrow *p)
         }
         p->told[0] = round, p->told[1] = wrong, p->told[2] = sum, p->told[3] = steep;
         if (!(wrong < 1e300) || !(sum < 1e300)) return SJ_ARROW_LOST;
-        if (wrong <= p->near && sum <= p->near && (steep <= 1e-6 * size || sum <= 1e-3 * p->near))
+        if (wrong <= 1e-3 * p->near && sum <= p->near && (steep <= 1e-6 * size || sum <= 1e-3 * p->near))
             return SJ_ARROW_OK;
         if (round == p->most) return SJ_ARROW_MOST;
         advance(&w, sum, bounds);

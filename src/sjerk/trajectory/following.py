@@ -331,7 +331,8 @@ class Timed:
         final, answer = in_cycles(start.task, start.knots, found, keep)
         every = answer.moments
         if len(few) < len(asked):
-            every = _between(start.moments, few, answer.moments, asked, final.duration)
+            ends = start.knots.duration, final.duration
+            every = _between(start.moments, few, answer.moments, asked, ends)
         answer = replace(answer, moments=every)
         if len(few) == len(asked):
             return 0.0, final, answer
@@ -381,12 +382,16 @@ class _Start:
 
 
 def _between(
-    begun: FloatArray, few: IntArray, found: FloatArray, asked: FloatArray, end: float
+    begun: FloatArray,
+    few: IntArray,
+    found: FloatArray,
+    asked: FloatArray,
+    ends: tuple[float, float],
 ) -> FloatArray:
     """Moments of all way-points between those found for ``few``: none sooner than asked."""
-    known = np.concatenate([[0.0], begun[few], [max(end, float(begun[-1]) + 1.0)]])
-    every = np.interp(begun, known, np.concatenate([[0.0], found, [end]]))
-    at, latest = dict(zip(few.tolist(), found.tolist(), strict=True)), end
+    known = np.concatenate([[0.0], begun[few], ends[:1]])
+    every = np.interp(begun, known, np.concatenate([[0.0], found, ends[1:]]))
+    at, latest = dict(zip(few.tolist(), found.tolist(), strict=True)), ends[1]
     gaps = np.diff(asked, append=asked[-1]).tolist()
     row = every.tolist()
     for i in range(len(row) - 1, -1, -1):

@@ -29,6 +29,8 @@ _EXCESS = 1e3
 _SMOOTH, _NEAR = 1e-6, 1e-4
 #: Room left in the limits for what the solver leaves undone.
 _ROOM = 2e-9
+#: The same for positions, of a joint's way.
+_INSIDE = 6e-10
 
 
 @dataclass(frozen=True, eq=False)
@@ -318,7 +320,7 @@ class Programme:
         if task.box is None:
             return
         r = knots.lengths[:, None] / 3.0
-        low, high = (task.box.T - self._origin) / task.scale
+        low, high = (task.box.T - self._origin) / task.scale + [[_INSIDE], [-_INSIDE]]
         one, first = np.ones(len(task.unit)), np.arange(len(knots))
         half = HALF_CYCLE / self._before.pace**2
         place, speed = knots.position + half * knots.acceleration, knots.velocity
@@ -381,7 +383,8 @@ class Programme:
         self.told, status = _solve(columns, gradient, x, near, steps)
         if status == lib.SJ_ARROW_LOST or not np.isfinite(x).all():
             return None
-        if status != lib.SJ_ARROW_OK and not self.told[1] < 1e-7:
+        missed = 1e-7 if task.box is None else 0.8 * _INSIDE
+        if status != lib.SJ_ARROW_OK and not self.told[1] < missed:
             return None
         new = float(x[-2]) if self._paced else pace
         control = np.where(self._free, x[np.maximum(self._place, 0)], self._known)
