@@ -34,7 +34,7 @@ def wave(seconds: float, size: float, start: Any, shift: float = 0.0) -> Traject
 
 
 def met(positions: Array, points: Array, near: float = 1.2e-3) -> list[int]:
-    """The rows nearest to each of the points, in order; -1: none is as near as half a cycle's way."""
+    """The rows nearest to each of the points, in order; -1: none is near."""
     rows, begin = [], 0
     for point in points:
         far = np.abs(positions[begin:] - point).max(axis=1)

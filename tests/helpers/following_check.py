@@ -1,7 +1,8 @@
 """Judges of followed trajectories that share no code with what they judge.
 
 `recording_keeps` looks at the recorded positions only; `rationals` integrates the jerks with the
-paper's equations over fractions; `commanded_at` tells positions between the samples from the segments.
+paper's equations over fractions; `commanded_at` tells positions between the samples from the
+segments.
 """
 
 from __future__ import annotations

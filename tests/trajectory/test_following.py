@@ -1,4 +1,4 @@
-"""Following with the given times: own time where the limits allow, as little more as they need else."""
+"""Following with the given times: own time where the limits allow, as little more else."""
 
 from __future__ import annotations
 
@@ -21,13 +21,15 @@ from helpers.following_check import (
     toppra_plan,
 )
 from sjerk import InputError, Limits, Trajectory, TrajectoryError, follow, plan
-from sjerk.trajectory.segments import Followed, Knot
 from sjerk.trajectory import shipped_recording
+from sjerk.trajectory.segments import Followed, Knot
 
 ROBOT = Limits(velocity=2.0, acceleration=4.0, jerk=500.0)
 
 
-def whole(way: Trajectory, limits: list[Limits], cycle_time: float = T, **how: Any) -> list[Followed]:
+def whole(
+    way: Trajectory, limits: list[Limits], cycle_time: float = T, **how: Any
+) -> list[Followed]:
     """Follow, and hold the recording against the way-points, their times and the limits."""
     blocks = list(follow(way, limits, cycle_time, **how))
     position, _ = recording(blocks)
@@ -73,7 +75,9 @@ def quintic(duration: float, period: float, way: float = 1.0) -> Trajectory:
 
 @pytest.mark.parametrize("period", [0.001, 0.002, 0.003, 0.0033, 0.01, 0.1, 0.5])
 @pytest.mark.parametrize("velocities", [True, False])
-def test_a_motion_within_the_limits_is_played_in_its_own_time(period: float, velocities: bool) -> None:
+def test_a_motion_within_the_limits_is_played_in_its_own_time(
+    period: float, velocities: bool
+) -> None:
     """For any sampling, whole cycles or not, with or without velocities: within the tolerance."""
     way = wave(round(8.0 / period) + 1, period, 2)
     if velocities:
@@ -90,7 +94,7 @@ def test_a_motion_within_the_limits_is_played_in_its_own_time(period: float, vel
 @pytest.mark.parametrize("dt", [0.001, 0.002, 0.005, 0.0137, 0.1])
 @pytest.mark.parametrize("pace", [1.0, 1.1])
 def test_a_time_optimal_motion_takes_its_own_time(dt: float, pace: float) -> None:
-    """ruckig's motion at all of its limits, sampled: its own time, two cycles for the samples."""
+    """Ruckig's motion at all of its limits, sampled: its own time, two cycles for the samples."""
     ruckig = pytest.importorskip("ruckig")
     otg, inp, made = ruckig.Ruckig(1), ruckig.InputParameter(1), ruckig.Trajectory(1)
     inp.current_position, inp.target_position = [0.0], [1.0]
@@ -115,7 +119,9 @@ def test_a_time_optimal_motion_takes_its_own_time(dt: float, pace: float) -> Non
         (Limits(3.0, 8.0, 60.0 / 1.05), 1001),
     ],
 )
-def test_a_quintic_that_asks_too_much_is_stretched_where_it_does(limits: Limits, least: int) -> None:
+def test_a_quintic_that_asks_too_much_is_stretched_where_it_does(
+    limits: Limits, least: int
+) -> None:
     """The optimum of an independent solver (scaled too: 1.0001, 1.0024, 1.0454, ...) + 0.5 %."""
     blocks = whole(quintic(1.0, 0.005), [limits])
     assert cycles(blocks) <= 1.005 * least
@@ -131,9 +137,10 @@ def test_asking_for_less_never_takes_longer(seed: int) -> None:
         cycles(whole(Trajectory(["a", "b"], t * pace, q), [ROBOT] * 2))
         for pace in (3.0, 1.2, 1.0, 0.9, 0.5)
     ]
-    assert taken == sorted(taken, reverse=True) or max(
-        b / a for a, b in itertools.pairwise(taken)
-    ) <= 1.005
+    assert (
+        taken == sorted(taken, reverse=True)
+        or max(b / a for a, b in itertools.pairwise(taken)) <= 1.005
+    )
 
 
 def test_the_shipped_plan_takes_half_a_percent_longer() -> None:
@@ -146,7 +153,7 @@ def test_the_shipped_plan_takes_half_a_percent_longer() -> None:
 
 
 def test_noise_is_told_and_not_paid_with_time() -> None:
-    """Way-points quantised to 1e-3 rad each 2 ms, tolerance 1e-6: own time, the deviation is told."""
+    """Way-points quantised to 1e-3 rad, tolerance 1e-6: own time, the deviation is told."""
     way = wave(2001, 0.002, 1)
     rough = Trajectory(way.joint_names, way.time, np.round(way.position, 3))
     blocks = whole(rough, PANDA[:1], tolerance=1e-6)
@@ -239,7 +246,7 @@ def test_windows_do_not_show() -> None:
 
 
 def test_windows_of_a_way_that_is_stretched() -> None:
-    """Too fast everywhere, over many windows: limits kept and way-points met across their borders."""
+    """Too fast everywhere, over many windows: limits kept across their borders."""
     way = wave(61, 0.2, 2, amplitude=1.5)
     blocks = whole(way, PANDA[:2], lookahead=2.0)
     assert len(blocks) > 1
@@ -277,7 +284,7 @@ def test_memory_does_not_grow_with_the_points() -> None:
 
 
 def test_in_motion_from_any_state_of_another() -> None:
-    """Begun in motion, the state goes on: the first differences keep the limits across the border."""
+    """Begun in motion, the state goes on: the limits hold across the border."""
     (before,) = follow(quintic(1.0, 0.1), [ROBOT], T)
     i = int(np.searchsorted(np.cumsum(before.cycles), 400))
     knot = Knot.of(before, i)
@@ -317,9 +324,18 @@ def test_what_is_refused() -> None:
     first = Trajectory(["a"], [0.0, 1.0], [[0.0], [0.5]])
     cases: list[tuple[Any, str]] = [
         (Trajectory(["a"], [0.0, 1.0], [[0.0], [2.0]]), "point 1, joint a"),
-        (Trajectory(["a"], [0.0, 1.0, 2.0], [[0.0], [0.5], [0.6]], [[0.0], [2.0], [0.0]]), "point 1"),
-        (Trajectory(["a"], [0.0, 1.0], [[0.0], [0.5]], [[0.3], [0.0]]), "velocity = 0.3 at the start"),
-        (Trajectory(["a"], [0.0, 1.0], [[0.0], [0.5]], [[0.0], [0.3]]), "velocity = 0.3 at the end"),
+        (
+            Trajectory(["a"], [0.0, 1.0, 2.0], [[0.0], [0.5], [0.6]], [[0.0], [2.0], [0.0]]),
+            "point 1",
+        ),
+        (
+            Trajectory(["a"], [0.0, 1.0], [[0.0], [0.5]], [[0.3], [0.0]]),
+            "velocity = 0.3 at the start",
+        ),
+        (
+            Trajectory(["a"], [0.0, 1.0], [[0.0], [0.5]], [[0.0], [0.3]]),
+            "velocity = 0.3 at the end",
+        ),
         (iter([first, first]), "point 2.*does not follow"),
         (iter([first, Trajectory(["b"], [2.0], [[0.0]])]), "point 2: not a"),
         (iter([]), "no points"),
@@ -327,7 +343,12 @@ def test_what_is_refused() -> None:
     for source, message in cases:
         with pytest.raises(TrajectoryError, match=message):
             list(follow(source, [reach], T))
-    for options in ({"lookahead": 0.0}, {"tolerance": 0.0}, {"tolerance": "x"}, {"tolerance": [1, 1]}):
+    for options in (
+        {"lookahead": 0.0},
+        {"tolerance": 0.0},
+        {"tolerance": "x"},
+        {"tolerance": [1, 1]},
+    ):
         with pytest.raises(InputError):
             list(follow(first, [reach], T, **options))  # type: ignore[arg-type]
     for limits in ([reach, reach], "x", None, [[1.0, 2.0, 3.0]], [None], 3):

@@ -6,11 +6,19 @@ from typing import Any
 
 import numpy as np
 import pytest
+from test_following import cycles, largest
 
-from helpers.following_check import PANDA, Array, T, rationals, recording, recording_keeps, toppra_plan
+from helpers.following_check import (
+    PANDA,
+    Array,
+    T,
+    rationals,
+    recording,
+    recording_keeps,
+    toppra_plan,
+)
 from sjerk import InputError, Limits, follow_path, follow_stops, plan
 from sjerk.trajectory.segments import Followed
-from test_following import cycles, largest
 
 ROBOT = Limits(velocity=2.0, acceleration=4.0, jerk=500.0)
 CIRCLE = np.linspace(0.0, 2.0 * np.pi, 106)
@@ -52,7 +60,11 @@ def stops(path: Array, limits: list[Limits]) -> int:
 
 @pytest.mark.parametrize(
     ("how", "most", "near"),
-    [({"tolerance": 0.01 / np.sqrt(2)}, 880, 0.0071), ({}, 890, 1e-6), ({"corridor": 0.01}, 880, 0.01)],
+    [
+        ({"tolerance": 0.01 / np.sqrt(2)}, 880, 0.0071),
+        ({}, 890, 1e-6),
+        ({"corridor": 0.01}, 880, 0.01),
+    ],
 )
 def test_a_circle_takes_what_turning_takes(how: dict[str, float], most: int, near: float) -> None:
     """Radius 10, chords of 0.6, (100, 1000, 10000): found by hand 930, by a free solver 860."""

@@ -47,7 +47,9 @@ class Corridor:
         share = _SHARE
         for attempt in range(_ROUNDS):
             line = np.repeat(np.arange(lines), parts)
-            within = (np.arange(len(line)) - np.repeat(np.cumsum(parts) - parts, parts) + 1) / parts[line]
+            within = (
+                np.arange(len(line)) - np.repeat(np.cumsum(parts) - parts, parts) + 1
+            ) / parts[line]
             rows = self._corners[line] + within[:, None] * np.diff(self._corners, axis=0)[line]
             own = np.cumsum(parts)[:-1] - 1
             most = share * self._width / np.sqrt(len(task.unit)) / task.unit

@@ -121,9 +121,7 @@ class Entry:
             yield replace(block, ahead=block.ahead + shift, passed=own)
 
 
-def _numbered(
-    blocks: Iterator[Followed], names: tuple[str, ...], first: int
-) -> Iterator[Followed]:
+def _numbered(blocks: Iterator[Followed], names: tuple[str, ...], first: int) -> Iterator[Followed]:
     """Blocks that follow each other as one motion, way-points as the whole trajectory has them."""
     segment = cycle = 0
     for block in blocks:

@@ -1,8 +1,9 @@
 """The fastest spline past way-points: a sequence of convex steps.
 
-Each round takes one step in all unknowns, puts every moment where its way-point is nearest, and finds
-control points and pace anew for these moments, which is convex: so every round ends in a motion, and
-is kept only if it is faster. Never here: windows, rows of programmes.
+Each round takes one step in all unknowns, puts every moment where its way-point is nearest, and
+finds
+control points and pace anew for these moments, which is convex: so every round ends in a motion,
+and is kept only if it is faster. Never here: windows, rows of programmes.
 """
 
 from __future__ import annotations
@@ -34,15 +35,22 @@ def nearest(task: Task, knots: Knots, answer: Answer) -> FloatArray:
     moments = answer.moments
     reach = 0.2 * knots.lengths.mean()
     for _ in range(3):
-        segment, p, v, a = knots.at(moments)
+        segment, p, v, _ = knots.at(moments)
         gap = (task.points - take(p, segment, answer.control)) / task.unit
         rate = take(v, segment, answer.control) / task.unit
         square = (rate**2).sum(axis=1)
-        new = moments + np.clip((gap * rate).sum(axis=1) / np.maximum(square, 1e-300), -reach, reach)
+        new = moments + np.clip(
+            (gap * rate).sum(axis=1) / np.maximum(square, 1e-300), -reach, reach
+        )
         new = np.where(square > 1e-12 * square.max(initial=0.0), new, moments)
         if task.held is not None:
             new = np.where(task.held > 0.0, moments, new)
-        if len(new) == 0 or new[0] <= 0.0 or new[-1] >= knots.duration or (np.diff(new) <= 0.0).any():
+        if (
+            len(new) == 0
+            or new[0] <= 0.0
+            or new[-1] >= knots.duration
+            or (np.diff(new) <= 0.0).any()
+        ):
             break
         moments = new
     return moments
@@ -62,7 +70,9 @@ def slowest(task: Task, knots: Knots, moments: FloatArray) -> float:
     return float((least / np.maximum(gaps, 1e-12)).max(initial=0.0)) * (1.0 + 1e-12)
 
 
-def settle(task: Task, knots: Knots, answer: Answer, keep: float | FloatArray, most: int) -> Answer | None:
+def settle(
+    task: Task, knots: Knots, answer: Answer, keep: float | FloatArray, most: int
+) -> Answer | None:
     """Control points and pace for the moments as they are: the fastest, or None."""
     least = slowest(task, knots, answer.moments)
     answer = replace(answer, pace=max(answer.pace, least))
@@ -209,9 +219,7 @@ def whole(
     return None
 
 
-def _slowed(
-    task: Task, knots: Knots, made: Answer, keep: float | FloatArray
-) -> Answer | None:
+def _slowed(task: Task, knots: Knots, made: Answer, keep: float | FloatArray) -> Answer | None:
     """At pace 1 what is possible faster; from motion the moments are others then."""
     n, reach = len(made.moments), 0.3 * float(knots.lengths.mean())
     answer = replace(made, pace=1.0)

@@ -1,8 +1,8 @@
 """Following way-points in their own time, or in as little more as the limits need.
 
-``follow`` plans windows of way-points: in their own times where the limits and the tolerance allow it,
-else as the fastest spline that passes them no sooner than asked; ``docs/explanation/trajectories.md``
-has the method. Never here: shared memory, drives.
+``follow`` plans windows of way-points: in their own times where the limits and the tolerance allow
+it, else as the fastest spline that passes them no sooner than asked;
+``docs/explanation/trajectories.md`` has the method. Never here: shared memory, drives.
 """
 
 from __future__ import annotations
@@ -144,7 +144,9 @@ class _Source:
             window.add(
                 piece.position,
                 np.diff(moments, prepend=before),
-                piece.velocity * self._T if self.velocities and piece.velocity is not None else None,
+                piece.velocity * self._T
+                if self.velocities and piece.velocity is not None
+                else None,
             )
             self._latest = float(piece.time[-1])
             self._speed = None if piece.velocity is None else piece.velocity[-1]
@@ -153,7 +155,9 @@ class _Source:
     def _check(self, piece: Trajectory, moving: bool) -> None:
         total = self._total
         if piece.joint_names != self.names:
-            raise TrajectoryError([TrajectoryFault(FaultKind.JOINTS, f"not {', '.join(self.names)}", total)])
+            raise TrajectoryError(
+                [TrajectoryFault(FaultKind.JOINTS, f"not {', '.join(self.names)}", total)]
+            )
         if total and not piece.time[0] > self._latest:
             why = f"time = {piece.time[0]} s does not follow {self._latest} s"
             raise TrajectoryError([TrajectoryFault(FaultKind.TIME, why, total)])
@@ -173,7 +177,9 @@ class _Source:
     def _motion(self, velocity: FloatArray, point: int, where: str) -> list[TrajectoryFault]:
         """Velocities that are no rest, where a motion begins or ends."""
         return [
-            TrajectoryFault(FaultKind.END_VELOCITY, f"velocity = {v} at the {where}, must be 0", point, joint)
+            TrajectoryFault(
+                FaultKind.END_VELOCITY, f"velocity = {v} at the {where}, must be 0", point, joint
+            )
             for joint, v, limit in zip(self.names, velocity, self.limits, strict=True)
             if abs(v) > 1e-4 * limit.velocity
         ]
@@ -276,7 +282,7 @@ class Timed:
         finer: float,
         late: float = 0.0,
     ) -> tuple[Knots, Answer] | None:
-        """All way-points at their moments, ``late`` by so much; exactly, or within the tolerance."""
+        """All way-points at their moments, ``late`` by so much, within the tolerance."""
         knots = self._knots(left, length, finer)
         answer = first_answer(task, knots, asked + late, 1.0)
         made = at_pace(task, knots, answer, NONE, most=1.0)
@@ -285,7 +291,7 @@ class Timed:
     def _later(
         self, task: Task, asked: FloatArray, left: IntArray, length: int
     ) -> tuple[Knots, Answer]:
-        """Nearly in time, with finer knots; else the fastest motion that is never faster than asked."""
+        """Nearly in time, with finer knots; else the fastest, never faster than asked."""
         assert task.least is not None
         share = 1.0 if task.end is None else length / float(task.least.sum())
         moments = np.maximum((asked + 0.5) * share, 1e-3)
@@ -295,9 +301,9 @@ class Timed:
                 late = more if task.end is not None else 0
                 if finer > 2.0 * float(start.knots.lengths.mean()):
                     continue
-                made = self._own_time(task, asked, left, length + late, finer, 0.5 * late)
-                if made is not None:
-                    return made
+                exact = self._own_time(task, asked, left, length + late, finer, 0.5 * late)
+                if exact is not None:
+                    return exact
         best: tuple[float, Knots, Answer] | None = None
         if start.answer is not None and start.answer.pace <= 1.0 + _NEARLY:
             best = self._finished(task, asked, length, start)
@@ -323,7 +329,7 @@ class Timed:
     def _finished(
         self, task: Task, asked: FloatArray, length: int, start: _Start
     ) -> tuple[float, Knots, Answer] | None:
-        """In whole cycles and past all way-points; first, how much further off than it should be."""
+        """In whole cycles, past all way-points; first, how much further off than it should be."""
         if start.answer is None or start.answer.pace > _LOST:
             return None
         few, keep = start.few, start.keep

@@ -16,7 +16,16 @@ from numpy.typing import ArrayLike
 from sjerk.errors import InputError
 from sjerk.planner import Motion, Synchronization, plan, plan_velocity
 from sjerk.profile import FloatArray, Limits, Profile, State
-from sjerk.trajectory.segments import PHASES, Followed, IntArray, Knot, Passed, begin_of, sample_of, through
+from sjerk.trajectory.segments import (
+    PHASES,
+    Followed,
+    IntArray,
+    Knot,
+    Passed,
+    begin_of,
+    sample_of,
+    through,
+)
 
 #: Rounds until the sample stands on a way-point that is passed in motion; each gains 3 digits.
 _ROUNDS = 6
@@ -146,7 +155,10 @@ def _followed(
         np.zeros_like(taken),
         lengths,
         jerks,
-        *(np.ascontiguousarray(table[:, i]) for i in range(4)),
+        np.ascontiguousarray(table[:, 0]),
+        np.ascontiguousarray(table[:, 1]),
+        np.ascontiguousarray(table[:, 2]),
+        np.ascontiguousarray(table[:, 3]),
         ahead=np.zeros(segments, dtype=np.int64),
         passed=Passed.none(joints),
     )

@@ -1,6 +1,7 @@
 """Moments to begin with: how fast a path of straight lines may be passed, roughly.
 
-Caps of the speed along the lines from velocity and curvature, a forward and a backward pass with the
+Caps of the speed along the lines from velocity and curvature, a forward and a backward pass with
+the
 acceleration (Bobrow 1985), then a mean over the time that the jerk needs. Never here: what follows
 from them; they are a start.
 """
@@ -17,7 +18,9 @@ _SHARE = 0.7
 _NODES, _PER_POINT = 400, 4
 
 
-def moments_of(points: FloatArray, table: FloatArray, velocity: FloatArray | None = None) -> FloatArray:
+def moments_of(
+    points: FloatArray, table: FloatArray, velocity: FloatArray | None = None
+) -> FloatArray:
     """Cycles (n,) at which points (n, J), each another than the one before, may be passed.
 
     ``table`` (J, 3): limits per cycle; ``velocity`` (J,): at the first point. The last is a rest.
@@ -31,7 +34,9 @@ def moments_of(points: FloatArray, table: FloatArray, velocity: FloatArray | Non
     s = np.concatenate([[0.0], np.cumsum(length)])
     direction = way / length[:, None]
     grid = np.union1d(np.linspace(0.0, s[-1], max(_NODES, _PER_POINT * len(points))), s)
-    line = np.clip(np.searchsorted(s, 0.5 * (grid[1:] + grid[:-1]), side="right") - 1, 0, len(way) - 1)
+    line = np.clip(
+        np.searchsorted(s, 0.5 * (grid[1:] + grid[:-1]), side="right") - 1, 0, len(way) - 1
+    )
     steep = np.abs(direction[line])  # of each piece of the grid
     most = (V / np.maximum(steep, 1e-300)).min(axis=1) ** 2
     push = _SHARE * (A / np.maximum(steep, 1e-300)).min(axis=1)
@@ -46,12 +51,16 @@ def moments_of(points: FloatArray, table: FloatArray, velocity: FloatArray | Non
         square = np.minimum(square, (_SHARE * A / np.maximum(turn, 1e-300)).min(axis=1))
     first = 0.0
     if velocity is not None:  # along the first line
-        first = float((velocity * direction[0] / V**2).sum() / (direction[0] ** 2 / V**2).sum()) ** 2
+        first = (
+            float((velocity * direction[0] / V**2).sum() / (direction[0] ** 2 / V**2).sum()) ** 2
+        )
     square[0], square[-1] = first, 0.0
     rise = 2.0 * np.diff(grid) * push
     square = _passes(square, rise)
     speed = np.sqrt(square)
-    time = np.concatenate([[0.0], np.cumsum(2.0 * np.diff(grid) / np.maximum(speed[1:] + speed[:-1], 1e-9))])
+    time = np.concatenate(
+        [[0.0], np.cumsum(2.0 * np.diff(grid) / np.maximum(speed[1:] + speed[:-1], 1e-9))]
+    )
     return _smoothed(s, grid, time, float((A / J).max()))
 
 
@@ -72,7 +81,9 @@ def _smoothed(s: FloatArray, grid: FloatArray, time: FloatArray, width: float) -
     t = np.linspace(-width, time[-1] + width, max(1000, 2 * len(grid)))
     way = np.interp(t, time, grid)
     area = np.concatenate([[0.0], np.cumsum(0.5 * (way[1:] + way[:-1]) * np.diff(t))])
-    after = np.interp(t + width / 2.0, t, area) + np.maximum(t + width / 2.0 - t[-1], 0.0) * grid[-1]
+    after = (
+        np.interp(t + width / 2.0, t, area) + np.maximum(t + width / 2.0 - t[-1], 0.0) * grid[-1]
+    )
     mean = (after - np.interp(t - width / 2.0, t, area)) / width
     mean = np.maximum.accumulate(mean) + np.arange(len(t)) * (1e-12 * grid[-1])
     mean = (mean - mean[0]) / (mean[-1] - mean[0]) * grid[-1]

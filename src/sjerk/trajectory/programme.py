@@ -5,7 +5,8 @@ Unknown are the control points, the moments of the way-points if they may move, 
 
     |hull| <= V pace,  |acceleration| <= A pace^2,  |jerk| <= J pace^3
 
-with the powers replaced by their tangents at the present pace; these lie below them, so what is found
+with the powers replaced by their tangents at the present pace; these lie below them, so what is
+found
 keeps the limits. The only other thing linearised is how a way-point's place moves with its moment.
 Never here: what to do with an answer.
 """
@@ -13,8 +14,10 @@ Never here: what to do with an answer.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sjerk._binding import ffi, lib
 from sjerk.profile import FloatArray
@@ -38,7 +41,8 @@ class Task:
     """A motion of J joints past n way-points, per cycle.
 
     ``limits`` (J, 3); ``unit`` (J,): tolerances; ``points`` (n, J); ``start`` (3, J): position,
-    velocity, acceleration at the first knot; ``end`` (J,): rest at the last, or None: rest anywhere;
+    velocity, acceleration at the first knot; ``end`` (J,): rest at the last, or None: rest
+    anywhere;
     ``box`` (J, 2): positions allowed, or None; ``least`` (n + 1,): cycles asked from way-point to
     way-point, from the start to the end, or None: order only; ``speed`` (n, J): velocities wished;
     ``held`` (n,): 1 for way-points whose moments stay, on a knot; else 0.
@@ -89,11 +93,13 @@ class Answer:
 class Programme:
     """The rows of one step, from an answer ``before`` on its knots."""
 
-    def __init__(self, task: Task, knots: Knots, before: Answer, *, move: bool, paced: bool) -> None:
+    def __init__(
+        self, task: Task, knots: Knots, before: Answer, *, move: bool, paced: bool
+    ) -> None:
         """``move``: the moments may; ``paced``: the pace may."""
         self._task, self._knots, self._before = task, knots, before
         self._paced = paced
-        self._parts: list[tuple[FloatArray, ...]] = []
+        self._parts: list[tuple[NDArray[Any], ...]] = []
         J, N, n, pace = len(task.unit), len(knots), len(task.points), before.pace
         self._origin = task.start[0]
         # control points that are known: the start's, and rest at the end
@@ -135,7 +141,8 @@ class Programme:
     def _links(self, N: int) -> None:
         """Moments in order, and links between far ones, so that rows stay short.
 
-        a[i + 1] - a[i] >= g is the same as a link b with b - a[i] >= g / 2 and a[i + 1] - b >= g / 2.
+        a[i + 1] - a[i] >= g is the same as a link b with b - a[i] >= g / 2 and a[i + 1] - b >= g /
+        2.
         """
         task, own = self._task, self._segment + 3.5
         n = len(own)
@@ -150,8 +157,10 @@ class Programme:
         gap = np.repeat(np.arange(len(parts)), parts)
         within = (np.arange(total) - np.repeat(np.cumsum(parts) - parts, parts) + 1) / parts[gap]
         pace = self._before.pace
-        at = np.concatenate([[-0.5 / pace], self._before.moments, [self._knots.duration + 0.5 / pace]])
-        self._key = (ends[gap] + within * np.diff(ends)[gap])
+        at = np.concatenate(
+            [[-0.5 / pace], self._before.moments, [self._knots.duration + 0.5 / pace]]
+        )
+        self._key = ends[gap] + within * np.diff(ends)[gap]
         self._at = at[gap] + within * np.diff(at)[gap]
         self._gap, self._part = gap, parts
         keep = slice(None) if task.end is None else slice(0, total - 1)
@@ -199,7 +208,7 @@ class Programme:
         weight: float = 0.0,
         target: FloatArray | float = 0.0,
     ) -> None:
-        """``pace``, ``excess``: coefficients of these two, where a row is held from below and above."""
+        """``pace``, ``excess``: coefficients of these two, from below and from above."""
         m, w = at.shape
         places, wide = np.empty((m, _WIDTH), dtype=np.int32), np.zeros((m, _WIDTH))
         places[:, :w], places[:, w:], wide[:, :w] = at, at[:, -1:], value
@@ -236,7 +245,7 @@ class Programme:
         free = at >= 0
         rise: FloatArray | float = 0.0
         constant = np.zeros(m * J)
-        keep = slice(None)
+        keep = np.ones(m * J, dtype=bool)
         wrong = np.flatnonzero(~free.all(axis=1))
         if len(wrong):
             some, off = value[wrong], ~free[wrong]
@@ -253,7 +262,6 @@ class Programme:
             at[wrong] = np.where(off, np.where(leading, least, most), places)
             all_off = off.all(axis=1)
             if all_off.any() and rate is None:
-                keep = np.ones(m * J, dtype=bool)
                 keep[wrong[all_off]] = False
             elif all_off.any():
                 at[wrong[all_off]] = 0
@@ -273,9 +281,9 @@ class Programme:
             at, value = np.take_along_axis(at, turn, 1), np.take_along_axis(value, turn, 1)
         if self._paced:  # known ones change with the pace: constant + rise (pace - before)
             constant = constant - rise * self._before.pace
-            slant = tuple(np.broadcast_to(np.asarray(one + rise), (m * J,))[keep] for one in pace)
+            below, above = (np.broadcast_to(one + rise, (m * J,))[keep] for one in pace)
         else:
-            slant = (0.0, 0.0)
+            below = above = np.zeros(1)
         bounds = [
             (np.broadcast_to(np.asarray(x, float), (m, J)).reshape(-1) - constant)[keep]
             for x in (low, high, target)
@@ -285,7 +293,7 @@ class Programme:
             value[keep],
             bounds[0],
             bounds[1],
-            pace=slant,
+            pace=(below, above),
             excess=excess,
             weight=weight,
             target=bounds[2],
@@ -300,7 +308,9 @@ class Programme:
             weight = (1e-2 * _SMOOTH if self._paced else _SMOOTH) if order == 3 else 0.0
             if self._paced:  # at the pace before: order pace - (order - 1)
                 least, slope = order - 1.0, order / pace
-                self._stencil(stencil, first, unit, least, -least, pace=(slope, -slope), weight=weight)
+                self._stencil(
+                    stencil, first, unit, least, -least, pace=(slope, -slope), weight=weight
+                )
             else:
                 self._stencil(stencil, first, unit, -1.0, 1.0, weight=weight)
 
@@ -379,7 +389,9 @@ class Programme:
         gradient[-1], x[-1] = _EXCESS, max(before.excess, 0.0)
         if self._paced:
             gradient[-2], x[-2] = 1.0 / pace, pace
-        columns = [np.ascontiguousarray(np.concatenate(part)) for part in zip(*self._parts, strict=True)]
+        columns = [
+            np.ascontiguousarray(np.concatenate(part)) for part in zip(*self._parts, strict=True)
+        ]
         self.told, status = _solve(columns, gradient, x, near, steps)
         if status == lib.SJ_ARROW_LOST or not np.isfinite(x).all():
             return None
@@ -418,7 +430,8 @@ def _solve(
     problem.most = steps
     problem.at = ffi.from_buffer("int32_t[]", at)
     for name, column in (
-        ("value", value), ("beside_low", below), ("beside_high", above), ("low", low), ("high", high), ("weight", weight),
+        ("value", value), ("beside_low", below), ("beside_high", above), ("low", low), ("high",
+        high), ("weight", weight),
         ("target", target), ("gradient", gradient), ("x", x), ("spare", spare), ("told", told),
     ):  # fmt: skip
         setattr(problem, name, doubles(column))

@@ -65,7 +65,8 @@ class Passed:
 class Followed:
     """Consecutive segments of a followed motion, m of them, for N joints.
 
-    ``first``: how many segments of the motion come before; ``first_cycle``: the cycle they begin in,
+    ``first``: how many segments of the motion come before; ``first_cycle``: the cycle they begin
+    in,
     from the start of the motion. ``cycles``, ``stretch`` (m,): length of each segment, and how many
     cycles of it the times did not ask for. ``lengths`` (m, 4): phases in cycles; ``jerk`` (m, 4, N)
     per second^3. ``position`` (m + 1, N): the samples at the segments' ends; ``velocity``,
@@ -198,7 +199,9 @@ def dwell(position: ArrayLike, cycles: int, cycle_time: float) -> Followed:
         np.array([[cycles, 0, 0, 0]]),
         np.zeros((1, PHASES, len(at))),
         np.repeat(at[None], 2, axis=0),
-        *(np.zeros((2, len(at))) for _ in range(3)),
+        np.zeros((2, len(at))),
+        np.zeros((2, len(at))),
+        np.zeros((2, len(at))),
         ahead=np.zeros(1, dtype=np.int64),
         passed=Passed.none(len(at)),
     )

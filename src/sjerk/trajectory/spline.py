@@ -5,7 +5,7 @@ kernel take. Time is in cycles. With the polar form f of the cubic (de Boor, A P
 Splines; Ramshaw 1989), the knots t[i] and l = t[i] - t[i-1], r = t[i+1] - t[i]:
 
     control point        c[i] = f(t[i-2], t[i-1], t[i])                i = 0 .. N + 2
-    of the velocity      d[i] = 3 (c[i+1] - c[i]) / (t[i+1] - t[i-2])  the velocity lies in their hull
+    of the velocity      d[i] = 3 (c[i+1] - c[i]) / (t[i+1] - t[i-2])  velocities lie in their hull
     acceleration, knot   a[i] = 2 (d[i+1] - d[i]) / (t[i+1] - t[i-1])
     jerk, segment        j[i] = (a[i+1] - a[i]) / r
     velocity, knot       v[i] = (r d[i] + l d[i+1]) / (l + r)
@@ -194,7 +194,7 @@ def through(lengths: IntArray, marks: FloatArray) -> IntArray:
     bounds = np.concatenate([[0], np.cumsum(lengths)])
     for mark in np.rint(marks).astype(np.int64).tolist():
         i = 1 + int(np.argmin(np.abs(bounds[1:-1] - mark))) if len(bounds) > 2 else 0
-        if 0 < i and bounds[i - 1] < mark < bounds[i + 1]:
+        if i > 0 and bounds[i - 1] < mark < bounds[i + 1]:
             bounds[i] = mark
     made: IntArray = np.diff(bounds)
     return made

@@ -1,7 +1,7 @@
 """Following way-points without times, as fast as the limits allow.
 
-``follow_path`` finds the fastest spline past the way-points, window by window; ``follow_stops`` is a
-planned motion per line. ``docs/explanation/trajectories.md``. Never here: shared memory, drives.
+``follow_path`` finds the fastest spline past the way-points, window by window; ``follow_stops`` is
+a planned motion per line. ``docs/explanation/trajectories.md``. Never here: shared memory, drives.
 """
 
 from __future__ import annotations
@@ -196,7 +196,7 @@ class Untimed:
         way: FloatArray,
         corridor: float | None,
     ) -> None:
-        """``table`` (N, 3): limits per cycle; ``way`` (N,): of each joint, for the unit of exact."""
+        """``table`` (N, 3): limits per cycle; ``way`` (N,): of each joint."""
         self._table, self._box, self._stop = table, box, stop_of(table)
         self._unit = units(table, way, tolerance)
         self._exact = tolerance is None
@@ -234,7 +234,7 @@ class Untimed:
         most = min(max(most, 2.0), length / 8.0)
         knots = Knots(split(going_on(window.left, length, most), most))
         begun = moments[1:-1] * (length / moments[-1])
-        keep = np.maximum(keep, resolution(task, knots, begun, keep))
+        keep = np.asarray(np.maximum(keep, resolution(task, knots, begun, keep)))
         held = _on_limits(task)
         free = task if held is None else replace(task, box=None)
         task = replace(task, held=held)
@@ -248,7 +248,7 @@ class Untimed:
                 found = feasible(task, knots, begun, found.pace, keep)
             if found is not None:
                 return in_cycles(task, knots, fastest(task, knots, found, keep), keep)
-            keep = 10.0 * np.maximum(keep, 1e-2)
+            keep = 10.0 * np.maximum(np.asarray(keep), 1e-2)
         raise PlanError("points: no motion was found that keeps the limits")
 
 

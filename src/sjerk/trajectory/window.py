@@ -1,7 +1,7 @@
 """A window of a motion: way-points from a state on, planned, cut, and made into segments.
 
-``Window`` holds what is known and not handed out yet; ``Plan`` is what was found for it. Never here:
-which way-points belong together, how fast they may be passed.
+``Window`` holds what is known and not handed out yet; ``Plan`` is what was found for it. Never
+here: which way-points belong together, how fast they may be passed.
 """
 
 from __future__ import annotations
@@ -77,8 +77,8 @@ class Plan:
     """A motion from the state of a window: splines relative to its position, at pace 1.
 
     ``asked`` (k,): cycles from the start of the window at which its way-points would be passed in
-    the time that is asked; ``moments`` (k,): at which they are; of samples, the last one's too where
-    the plan rests there (``rests``).
+    the time that is asked; ``moments`` (k,): at which they are; of samples, the last one's too
+    where the plan rests there (``rests``).
     """
 
     knots: Knots
@@ -181,7 +181,8 @@ class Window:
         lost = self._lost + np.cumsum(np.bincount(segment, fresh, len(ends)))
         whole = np.floor(lost + 1e-6).astype(np.int64)
         self._lost = float(lost[-1] - whole[-1])
-        return np.diff(whole, prepend=0)
+        late_by: IntArray = np.diff(whole, prepend=0)
+        return late_by
 
     def _forget(self, plan: Plan, passed: int, cycles: int) -> None:
         at = float(plan.moments[passed - 1]) if passed else -self.over
