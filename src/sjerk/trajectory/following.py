@@ -81,9 +81,10 @@ def follow(
     ``begin``: in motion instead, at the first way-point. ``source``: a trajectory, or pieces of one
     that follow each other in time, consumed as needed: memory is that of a window of twice
     ``lookahead`` stops (V/A + A/J of the slowest joint); ``block``: most segments at a time.
-    ``limits``: one per joint, in order or by name, or one for all. Raises TrajectoryError for way-points outside ``Limits.position``, for given velocities
-    above their limit, for one at the start or the end that is not rest, and for pieces that do not
-    fit; InputError; PlanError (from rest: a fault of sjerk).
+    ``limits``: one per joint, in order or by name, or one for all. Raises TrajectoryError for
+    way-points outside ``Limits.position``, for given velocities above their limit, for one at the
+    start or the end that is not rest, and for pieces that do not fit; InputError; PlanError (from
+    rest: a fault of sjerk).
 
     >>> way = Trajectory(["a"], [0.0, 0.5, 1.0], [[0.0], [0.2], [0.3]])
     >>> (all_of_it,) = follow(way, [Limits(2.0, 4.0, 50.0)], 1e-3)
@@ -244,7 +245,7 @@ class Timed:
         else:
             length = int(np.ceil(asked[-1] + 1.5 * self._stop))
         knots, answer = self._own_time(task, asked, window.left, length, 1.0) or self._later(
-            task, asked, window.left, length
+            task, asked, window, length
         )
         moments, due = answer.moments + 0.5, asked + 0.5
         if ends:
@@ -291,10 +292,11 @@ class Timed:
         return None if made is None or made.excess > 1.0 else (knots, made)
 
     def _later(
-        self, task: Task, asked: FloatArray, left: IntArray, length: int
+        self, task: Task, asked: FloatArray, window: Window, length: int
     ) -> tuple[Knots, Answer]:
         """Nearly in time, with finer knots; else the fastest, never faster than asked."""
         assert task.least is not None
+        left = window.left
         share = 1.0 if task.end is None else length / float(task.least.sum())
         moments = np.maximum((asked + 0.5) * share, 1e-3)
         start = self._start(task, moments, left, length)
@@ -316,6 +318,7 @@ class Timed:
             rows = [0.0 * task.start[:1], task.points]
             rows += [] if task.end is None else [task.end[None]]
             ends = np.cumsum(np.maximum(_least_gaps(np.concatenate(rows), self._table), task.least))
+            ends = window.going_on(ends)
             total = float(ends[-1]) + (0.0 if task.end is not None else length - float(asked[-1]))
             starts.append(self._start(task, ends[: len(asked)], left, int(np.ceil(total))))
         for start in sorted(starts, key=lambda x: x.length):

@@ -26,7 +26,7 @@ def moments_of(
     ``table`` (J, 3): limits per cycle; ``velocity`` (J,): at the first point. The last is a rest.
 
     >>> moments_of(np.array([[0.0], [1.0]]), np.array([[0.01, 1e-4, 1e-5]])).round().tolist()
-    [0.0, 253.0]
+    [0.0, 259.0]
     """
     V, A, J = table.T
     way = np.diff(points, axis=0)

@@ -229,14 +229,18 @@ class Untimed:
         assert task.end is not None
         rows = np.concatenate([np.zeros_like(task.end)[None], task.points, task.end[None]])
         moments = moments_of(rows, self._table, task.start[1] if window.state.moving else None)
-        length = max(8, int(np.ceil(moments[-1])), int(window.left.sum()))
+        if self._corridor is None:
+            moments = np.append(0.0, window.going_on(moments[1:]))
+        length = max(8, int(np.ceil(moments[-1])))
         most = min(self._spacing, length / _FEWEST)
         if np.max(keep) <= NONE and len(task.points):  # to be met exactly: knots enough
             most = min(most, float(np.quantile(np.diff(moments), 0.05)) / _PER_POINT)
         most = min(max(most, 2.0), length / 8.0)
         knots = Knots(split(going_on(window.left, length, most), most))
-        begun = moments[1:-1] * (length / moments[-1])
-        share: FloatArray = np.asarray(np.maximum(keep, resolution(task, knots, begun, keep)))
+        begun = np.minimum(moments[1:-1], length - 1e-3)
+        share: FloatArray = np.atleast_1d(
+            np.maximum(keep, resolution(task, knots, begun, keep))
+        ).astype(np.float64)
         held = _on_limits(task)
         free = task if held is None else replace(task, box=None)
         task = replace(task, held=held)
@@ -250,7 +254,7 @@ class Untimed:
                 found = feasible(task, knots, begun, found.pace, share)
             if found is not None:
                 return in_cycles(task, knots, fastest(task, knots, found, share), share)
-            share = np.asarray(10.0 * np.maximum(share, 1e-2))
+            share = 10.0 * np.maximum(share, np.full(1, 1e-2))
         raise PlanError("points: no motion was found that keeps the limits")
 
 

@@ -104,6 +104,7 @@ class Window:
         self.gaps = np.empty(0)
         self.over = 0.0
         self.left: IntArray = np.empty(0, dtype=np.int64)  # segments planned and not handed out
+        self.begun = np.empty(0)  # and moments of the plan, of the first of the way-points
         self.first, self.first_cycle, self.next_point = 0, 0, 1
         self._lost = 0.0  # cycles of stretch that are not whole yet
 
@@ -122,6 +123,14 @@ class Window:
         """Position relative to the sample, velocity, acceleration (3, N) of the plan, per cycle."""
         P, V, A = begin_of(self.state, self.T)
         return np.stack([P - self.state.position, V, A])
+
+    def going_on(self, moments: FloatArray) -> FloatArray:
+        """Moments (k,): those planned before, where there were any; then the same gaps."""
+        known = min(len(self.begun), len(moments))
+        if known == 0:
+            return moments
+        later = moments[known:] - moments[known - 1] + self.begun[known - 1]
+        return np.concatenate([self.begun[:known], later])
 
     def hand_out(self, plan: Plan, cycles: float) -> Followed:
         """Segments of so many cycles of a plan, or of all of it; go on from where they end."""
@@ -157,6 +166,7 @@ class Window:
         )  # fmt: skip
         np.minimum(made.ahead, self.next_point + len(self.points) - 1, out=made.ahead)
         self._forget(plan, passed, int(ends[-1]))
+        self.begun = plan.answer.moments[passed:] - int(ends[-1])
         self.left = knots.lengths[count:].astype(np.int64)
         self.first += count
         self.state = Knot.of(made)
