@@ -143,19 +143,21 @@ class Window:
         j = j[:count]
         joints = p.shape[1]
         before = np.concatenate([self.state.last_jerk[None] * T**3, j])
-        position = self.state.position + (p - v / 2.0 + a / 3.0 - before / 8.0)
-        position[0] = self.state.position
         v[0], a[0] = self.state.velocity * T, self.state.acceleration * T**2
         taken: IntArray = knots.lengths[:count].astype(np.int64)
         lengths: IntArray = np.zeros((count, PHASES), dtype=np.int64)
         lengths[:, 0] = taken
         jerk = np.zeros((count, PHASES, joints))
         jerk[:, 0] = j
+        ways = _ways(knots.lengths[:count, None], v[:-1], a[:-1], before[:-1], j)
+        end = self.state.position + (p[-1] - v[-1] / 2.0 + a[-1] / 3.0 - before[-1] / 8.0)
         if last:  # a cycle for the samples to come to rest
             lengths[-1, 1] = 1
             taken[-1] += 1
             before[-1] = v[-1] = a[-1] = 0.0
-            position[-1] = self.points[-1]
+            end = self.points[-1]
+            ways[-1] += j[-1] / 8.0
+        position = _summed(self.state.position, ways, end)
         ends = np.cumsum(taken)
         passed = int((plan.moments <= ends[-1] + 1e-9).sum())
         made = Followed(
@@ -201,3 +203,23 @@ class Window:
         self.speeds = self.speeds[passed:]
         self.next_point += passed
         self.first_cycle += cycles
+
+
+def _ways(n: FloatArray, V: FloatArray, A: FloatArray, L: FloatArray, J: FloatArray) -> FloatArray:
+    """From sample to sample, n cycles of jerk J after one of jerk L: q = P - V/2 + A/3 - J/8."""
+    begin = V / 2.0 - A / 3.0 + L / 8.0
+    after = begin + n * (V + n * (A / 2.0 + n * J / 6.0))
+    ends: FloatArray = after - (V + n * (A + n * J / 2.0)) / 2.0 + (A + n * J) / 3.0 - J / 8.0
+    return ends
+
+
+def _summed(start: FloatArray, ways: FloatArray, end: FloatArray) -> FloatArray:
+    """Samples (m + 1, J), each as exact as its way from the one before, near zero or far.
+
+    What the sum is off at the end, by rounding, is shared out evenly.
+    """
+    sums = np.concatenate([start[None], ways]).astype(np.longdouble).cumsum(axis=0)
+    share = np.arange(len(sums), dtype=np.longdouble)[:, None] / (len(sums) - 1)
+    position: FloatArray = (sums + (end - sums[-1]) * share).astype(np.float64)
+    position[0], position[-1] = start, end
+    return position
