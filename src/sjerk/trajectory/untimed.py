@@ -258,5 +258,5 @@ def _on_limits(task: Task) -> FloatArray | None:
         return None
     near = 1e-9 * task.scale[:, None]
     on = np.abs(task.points[:, :, None] - task.box) <= near
-    held: FloatArray = on.any(axis=(1, 2)).astype(np.float64)
+    held: FloatArray = np.asarray(on.any(axis=(1, 2)), dtype=np.float64)
     return held if held.any() else None
