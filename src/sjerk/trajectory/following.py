@@ -28,7 +28,7 @@ from sjerk.trajectory.fastest import (
 from sjerk.trajectory.faults import FaultKind, TrajectoryError, TrajectoryFault
 from sjerk.trajectory.parameterization import moments_of
 from sjerk.trajectory.programme import Answer, Task
-from sjerk.trajectory.segments import Followed, Knot
+from sjerk.trajectory.segments import Followed, Knot, in_blocks
 from sjerk.trajectory.spline import IntArray, Knots, going_on, split
 from sjerk.trajectory.trajectory import Trajectory
 from sjerk.trajectory.window import (
@@ -63,6 +63,7 @@ def follow(
     tolerance: float | ArrayLike | None = None,
     use_velocities: bool = True,
     lookahead: float = LOOKAHEAD,
+    block: int | None = None,
     begin: Knot | None = None,
 ) -> Iterator[Followed]:
     """Follow a trajectory with its own times, from rest to rest; yield blocks of segments.
@@ -79,8 +80,8 @@ def follow(
 
     ``begin``: in motion instead, at the first way-point. ``source``: a trajectory, or pieces of one
     that follow each other in time, consumed as needed: memory is that of a window of twice
-    ``lookahead`` stops (V/A + A/J of the slowest joint). ``limits``: one per joint, in order or by
-    name. Raises TrajectoryError for way-points outside ``Limits.position``, for given velocities
+    ``lookahead`` stops (V/A + A/J of the slowest joint); ``block``: most segments at a time.
+    ``limits``: one per joint, in order or by name, or one for all. Raises TrajectoryError for way-points outside ``Limits.position``, for given velocities
     above their limit, for one at the start or the end that is not rest, and for pieces that do not
     fit; InputError; PlanError (from rest: a fault of sjerk).
 
@@ -95,7 +96,8 @@ def follow(
     T = positive("cycle_time", cycle_time)
     ahead = positive("lookahead", lookahead)
     pieces = iter((source,) if isinstance(source, Trajectory) else source)
-    return _windows(pieces, limits, T, tolerance, use_velocities, ahead, begin)
+    made = _windows(pieces, limits, T, tolerance, use_velocities, ahead, begin)
+    return in_blocks(made, block)
 
 
 class _Source:

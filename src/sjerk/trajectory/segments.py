@@ -257,6 +257,19 @@ def rows(motion: Followed, first: int, last: int) -> Followed:
     )
 
 
+def in_blocks(blocks: Iterator[Followed], most: int | None) -> Iterator[Followed]:
+    """The same motion with so many segments in a block at most; raises InputError."""
+    if most is None:
+        return blocks
+    if isinstance(most, bool) or not isinstance(most, int) or most < 1:
+        raise InputError("block", most, "must be an int, at least 1")
+    return (
+        rows(block, i, min(i + most, len(block)))
+        for block in blocks
+        for i in range(0, len(block), most)
+    )
+
+
 def _between(motion: Followed, begin: int, end: int) -> Passed:
     """Way-points after cycle ``begin`` up to ``end``; with those at the start of a motion."""
     cycle = motion.passed.moment / motion.cycle_time

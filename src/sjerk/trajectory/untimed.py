@@ -21,7 +21,7 @@ from sjerk.trajectory.fastest import NONE, fastest, feasible, in_cycles, resolut
 from sjerk.trajectory.joining import stops_of
 from sjerk.trajectory.parameterization import moments_of
 from sjerk.trajectory.programme import Answer, Task
-from sjerk.trajectory.segments import Followed, IntArray, Knot
+from sjerk.trajectory.segments import Followed, IntArray, Knot, in_blocks
 from sjerk.trajectory.spline import Knots, going_on, split, through
 from sjerk.trajectory.trajectory import limits_of
 from sjerk.trajectory.window import (
@@ -51,6 +51,7 @@ def follow_path(
     tolerance: float | ArrayLike | None = None,
     corridor: float | None = None,
     lookahead: float = LOOKAHEAD,
+    block: int | None = None,
 ) -> Iterator[Followed]:
     """Follow way-points without times as fast as the limits allow, from rest to rest.
 
@@ -61,7 +62,8 @@ def follow_path(
     into one window is never slower than that. ``limits``: one per joint, or one for all. ``passed``
     of the blocks says when and how near each way-point is passed; ``stretch`` is 0. Way-points
     denser than knots can meet are passed as near as they can. Memory is that of a window of twice
-    ``lookahead`` stops (V/A + A/J of the slowest joint). Raises InputError, PlanError.
+    ``lookahead`` stops (V/A + A/J of the slowest joint); ``block``: most segments at a time.
+    Raises InputError, PlanError.
 
     >>> corner = [[0.0, 0.0], [0.5, 0.0], [0.5, 0.5]]
     >>> limits = [Limits(2.0, 4.0, 500.0)] * 2
@@ -91,7 +93,7 @@ def follow_path(
     kept = np.flatnonzero(np.concatenate([[True], (np.diff(path, axis=0) != 0.0).any(axis=1)]))
     if len(kept) < 2:
         return iter(())
-    return _windows(path, kept, names, each, T, near, most, ahead)
+    return in_blocks(_windows(path, kept, names, each, T, near, most, ahead), block)
 
 
 def follow_stops(
@@ -234,21 +236,21 @@ class Untimed:
         most = min(max(most, 2.0), length / 8.0)
         knots = Knots(split(going_on(window.left, length, most), most))
         begun = moments[1:-1] * (length / moments[-1])
-        keep = np.asarray(np.maximum(keep, resolution(task, knots, begun, keep)))
+        share: FloatArray = np.asarray(np.maximum(keep, resolution(task, knots, begun, keep)))
         held = _on_limits(task)
         free = task if held is None else replace(task, box=None)
         task = replace(task, held=held)
         for _ in range(8):
-            found = feasible(free, knots, begun, 1.0, keep)
+            found = feasible(free, knots, begun, 1.0, share)
             if found is not None and held is not None:  # inside the limits, a knot at each turn
-                found = fastest(free, knots, found, keep)
+                found = fastest(free, knots, found, share)
                 knots = Knots(through(knots.lengths.astype(np.int64), found.moments[held > 0.0]))
                 near = np.argmin(np.abs(knots.time - found.moments[:, None]), axis=1)
                 begun = np.where(held > 0.0, knots.time[near], found.moments)
-                found = feasible(task, knots, begun, found.pace, keep)
+                found = feasible(task, knots, begun, found.pace, share)
             if found is not None:
-                return in_cycles(task, knots, fastest(task, knots, found, keep), keep)
-            keep = 10.0 * np.maximum(np.asarray(keep), 1e-2)
+                return in_cycles(task, knots, fastest(task, knots, found, share), share)
+            share = np.asarray(10.0 * np.maximum(share, 1e-2))
         raise PlanError("points: no motion was found that keeps the limits")
 
 
