@@ -26,7 +26,8 @@ enum {                                  /* controlword 6040h */
     SJ_CW_MODE_5 = 0x0020,
     SJ_CW_MODE_6 = 0x0040,
     SJ_CW_FAULT_RESET = 0x0080,         /* acts on its rising edge */
-    SJ_CW_HALT = 0x0100
+    SJ_CW_HALT = 0x0100,
+    SJ_CW_MODE_9 = 0x0200               /* mode 1: change on set-point */
 };
 
 enum {                                  /* statusword 6041h */

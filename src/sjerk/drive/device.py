@@ -141,9 +141,7 @@ class Device:
             self.drive.configure(**{field: value})
         except DriveConfigError as error:
             abort = Abort.RANGE
-            if row.index in (0x607B, 0x607D):
-                abort = Abort.MAX_BELOW_MIN
-            elif not error.field.endswith(("_option", "_method")) and error.field == field:
+            if not error.field.endswith(("_option", "_method")) and error.field == field:
                 abort = Abort.TOO_HIGH if value > error.high else abort
                 abort = Abort.TOO_LOW if value < error.low else abort
             raise SdoError(abort, row.index, row.sub) from error
