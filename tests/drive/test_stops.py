@@ -196,7 +196,8 @@ def test_against_an_end_the_axis_stands_and_away_is_free(mode: Mode, side: int, 
         speeds.append(feedback.velocity_demand / REV * side)
     assert feedback.state is DriveState.OPERATION_ENABLED
     assert feedback.statusword & LIMIT
-    assert at <= side * feedback.position_actual <= at + 0.7 * REV
+    furthest = at + (max(speeds) ** 2 / (2 * 250) + 0.2) * REV
+    assert at <= side * feedback.position_actual <= furthest
     after = speeds[speeds.index(max(speeds)) :]
     assert all(a - b <= 0.2501 for a, b in pairwise(after))
     stood = feedback.position_demand
@@ -205,9 +206,11 @@ def test_against_an_end_the_axis_stands_and_away_is_free(mode: Mode, side: int, 
         assert feedback.position_demand == stood
         assert feedback.statusword & LIMIT
         assert not feedback.statusword & FOLLOWS or mode is Mode.PROFILE_VELOCITY
-    assert abs(feedback.position_actual - stood) <= 2
-    for _ in range(600):
+    assert abs(feedback.position_actual - stood) <= 3
+    for _ in range(3000):
         feedback = step(-1)
+        if side * feedback.position_actual < at:
+            break
     assert side * feedback.position_actual < at
     assert not feedback.statusword & LIMIT
 
@@ -284,7 +287,7 @@ def test_bit_10_tells_the_end_of_a_quick_stop_that_stays(option: int, mode: Mode
         if feedback.velocity_demand != 0:
             moving += 1
             assert not feedback.statusword & REACHED
-    assert moving > 10
+    assert moving > 10 or option > 6
     assert feedback.statusword & REACHED
 
 

@@ -34,6 +34,7 @@ int32_t sj_cyclic_position(sj_drive *drive, const sj_drive_rx *rx, sj_servo_comm
     const double speed = 1.0 / per_period(drive);
     const double before = drive->demand.velocity;
     const int64_t word = demand_word(drive);
+    const uint32_t switches = sj_limit_switches(drive);
     int64_t distance = 0;
     int64_t step = 0;
     int64_t advance = 0;
@@ -48,7 +49,7 @@ int32_t sj_cyclic_position(sj_drive *drive, const sj_drive_rx *rx, sj_servo_comm
     drive->follows = step == distance;
     drive->limited |= !drive->follows;
     step = with_polarity(drive, step, SJ_POLARITY_POSITION);
-    if (sj_limit_blocks(sj_limit_switches(drive), (double)step)) {
+    if (sj_limit_blocks(switches, (double)step) || sj_limit_blocks(switches, before)) {
         sj_motion_begin_stop(drive, command, sj_motion_limit_ramp(drive));
         return SJ_FAULT_NONE;
     }
@@ -146,10 +147,10 @@ void sj_cyclic_torque(sj_drive *drive, const sj_drive_rx *rx, sj_servo_command *
                               1e-3 * drive->config.rated_torque_nm;
         drive->follows = 1;
     }
-    sj_motion_adopt_speed(drive);
-    if (held_at_an_end(drive, command, torque, drive->demand.velocity)) {
+    if (held_at_an_end(drive, command, torque, sj_motion_speed(drive))) {
         return;
     }
+    sj_motion_adopt_speed(drive);
     command->control = SJ_SERVO_TORQUE;
     command->speed_max_rad_s /= SJ_SPEED_CLAMP;
     command->torque_nm = torque;

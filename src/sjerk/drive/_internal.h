@@ -59,6 +59,7 @@ int sj_limit_blocks(uint32_t ends, double direction);
 int64_t sj_limit_distance(const sj_drive *drive, int64_t from, int64_t distance);
 
 /* _motion.c */
+double sj_motion_speed(const sj_drive *drive);
 void sj_motion_adopt_speed(sj_drive *drive);
 void sj_motion_adopt_actual(sj_drive *drive);
 void sj_motion_power_off(sj_drive *drive, sj_servo_command *command);

@@ -13,17 +13,22 @@ double sj_motion_possible(const sj_drive *drive, double velocity)
     return bounded(velocity, drive->constants.speed_bound_rad_s * per_period(drive));
 }
 
-/* The demand becomes the actual position and speed; below standstill that is rest. */
-void sj_motion_adopt_speed(sj_drive *drive)
+/* The motor's speed as a demand, increments per period; below standstill it is rest. */
+double sj_motion_speed(const sj_drive *drive)
 {
     const double speed = drive->servo.measured_rad_s;
     const double still = SJ_STANDSTILL * drive->config.max_speed_rpm * SJ_RPM;
 
+    return speed > still || speed < -still ? sj_motion_possible(drive, speed * per_period(drive))
+                                           : 0.0;
+}
+
+/* The demand becomes the actual position and speed. */
+void sj_motion_adopt_speed(sj_drive *drive)
+{
     drive->demand.point = drive->actual;
     drive->demand.fraction = 0.0;
-    drive->demand.velocity = speed > still || speed < -still
-                                 ? sj_motion_possible(drive, speed * per_period(drive))
-                                 : 0.0;
+    drive->demand.velocity = sj_motion_speed(drive);
 }
 
 /* Nothing jumps when the loop closes: the stream of demands begins anew. */
