@@ -237,7 +237,7 @@ def test_a_set_point_onto_a_closed_switch_moves_nothing() -> None:
             assert feedback.position_demand == 0
             assert not feedback.statusword & REACHED
     drive.cycle(0x1F, -REV, mode=Mode.PROFILE_POSITION)
-    for _ in range(1000):
+    for _ in range(2000):
         feedback = drive.cycle(0xF, mode=Mode.PROFILE_POSITION)
     assert feedback.position_demand == -REV
     assert feedback.statusword & REACHED

@@ -90,6 +90,7 @@ static const field FIELDS[] = {
     FIELD(positioning_option, SIGNED, 0.0, 194.0),
     FIELD(sync_extrapolation, UNSIGNED, 0.0, 65535.0),
     FIELD(sync_error_limit, UNSIGNED, 1.0, 65535.0),
+    FIELD(software_from_home, UNSIGNED, 0.0, 1.0),
     FIELD(home_offset, SIGNED, I32_MIN, I32_MAX),
     FIELD(homing_method, SIGNED, 0.0, 37.0),
     FIELD(homing_speed_switch, UNSIGNED, 1.0, U32_MAX),

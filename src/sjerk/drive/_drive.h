@@ -42,7 +42,8 @@ enum {                                  /* findings of the verdict on the stream
     SJ_FINDING_ACCELERATION = 4,
     SJ_FINDING_VELOCITY = 5,
     SJ_FINDING_JERK = 6,
-    SJ_FINDINGS = 7
+    SJ_FINDING_PERIOD = 7,              /* SYNC does not come in the period of 60C2h */
+    SJ_FINDINGS = 8
 };
 
 /* Config. First the machine, in SI units; then objects, in their own type and unit. */
@@ -115,6 +116,7 @@ typedef struct {
     int32_t positioning_option;         /* 60F2h: SJ_RELATIVE_..., SJ_ROTARY_... */
     uint32_t sync_extrapolation;        /* missed SYNCs in a row bridged by the last velocity */
     uint32_t sync_error_limit;          /* 10F1h:2: +3 per missed, -1 per good; FFFFh = off */
+    uint32_t software_from_home;        /* 1: 607Dh less 607Ch counts, as the text of CiA 402 has it */
     int32_t home_offset;                /* 607Ch */
     int32_t homing_method;              /* 6098h */
     uint32_t homing_speed_switch;       /* 6099h:1, pu/s */
@@ -205,8 +207,8 @@ typedef struct {                        /* constants of the servo, made from a c
 typedef struct {                        /* the verdict on the stream of targets */
     uint64_t samples;                   /* targets followed */
     uint64_t missed_syncs;
-    uint64_t first[7];                  /* drive cycle of the first finding of each kind */
-    uint32_t counts[7];                 /* SJ_FINDING_... */
+    uint64_t first[8];                  /* drive cycle of the first finding of each kind */
+    uint32_t counts[8];                 /* SJ_FINDING_... */
     uint32_t following_max;             /* largest |60F4h| while following, pu */
     double velocity_max_rev_s;          /* largest seen, rounding of the targets subtracted */
     double acceleration_max_rev_s2;
@@ -326,6 +328,8 @@ void sj_drive_cycle_planned(sj_drive *drive, const sj_drive_rx *rx, sj_drive_tx 
 void sj_drive_inject(sj_drive *drive, int32_t fault, int32_t present);
 
 void sj_verdict_clear(sj_drive_verdict *verdict);
+/* SYNC was seen to come in this period: a warning and a finding where it is not that of 60C2h. */
+void sj_verdict_period(sj_drive *drive, double seen_s);
 
 /* For C only. */
 

@@ -28,22 +28,24 @@ uint32_t sj_limit_switches(const sj_drive *drive)
 }
 
 /* Words beyond which the axis may not go. Not min < max: none; an end of the range of 607Bh is none
- * on its side, since no word lies beyond it. */
+ * on its side, since no word lies beyond it. They are words of 607Ah, or (software_from_home) of the
+ * machine: CiA 402 takes 607Ch from them before it compares. */
 static void software_limits(const sj_drive *drive, int64_t *low, int64_t *high)
 {
     const sj_drive_config *config = &drive->config;
     const int64_t range_max = drive->scale.range_min + drive->scale.range - 1;
+    const int64_t home = config->software_from_home ? config->home_offset : 0;
 
     *low = INT64_MIN / 4;
     *high = INT64_MAX / 4;
     if (config->software_min >= config->software_max) {
         return;
     }
-    if (config->software_min > drive->scale.range_min) {
-        *low = config->software_min;
+    if (config->software_min - home > drive->scale.range_min) {
+        *low = config->software_min - home;
     }
-    if (config->software_max < range_max) {
-        *high = config->software_max;
+    if (config->software_max - home < range_max) {
+        *high = config->software_max - home;
     }
 }
 
