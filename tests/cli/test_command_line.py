@@ -219,7 +219,7 @@ def test_a_missing_extra_is_named_with_its_module(
     """One line, and what to install."""
     file = tmp_path / "robot.toml"
     file.write_text(FILE)
-    monkeypatch.setitem(sys.modules, "pyarrow.parquet", None)
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
     monkeypatch.delitem(sys.modules, "sjerk.recording.parquet", raising=False)
     assert main(["kernel", str(file), "--record", "a.parquet"]) == 1
     told = capsys.readouterr().err
