@@ -136,4 +136,5 @@ int32_t sj_master_fault(uint16_t statusword);                   /* FAULT or its 
 int32_t sj_master_lost(uint16_t error_code);                    /* 603Fh: link or SYNC lost */
 int32_t sj_master_stopping(uint16_t statusword);                /* QUICK STOP ACTIVE */
 int32_t sj_master_follows_position(const sj_drive_tx *tx);      /* enabled and following, bit 12; CSP */
+int32_t sj_master_bridging(const sj_drive_tx *tx);      /* CSP, enabled; no limit keeps it from following */
 int32_t sj_master_homing(const sj_drive_tx *tx);                /* mode 6: 1 attained, -1 error, 0 */
