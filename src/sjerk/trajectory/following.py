@@ -81,9 +81,10 @@ def follow(
     ``begin``: in motion instead, at the first way-point. ``source``: a trajectory, or pieces of one
     that follow each other in time, consumed as needed: memory is that of a window of twice
     ``lookahead`` stops (V/A + A/J of the slowest joint); ``block``: most segments at a time.
-    ``limits``: one per joint, in order or by name, or one for all. Raises TrajectoryError for way-points outside ``Limits.position``, for given velocities
-    above their limit, for one at the start or the end that is not rest, and for pieces that do not
-    fit; InputError; PlanError (from rest: a fault of sjerk).
+    ``limits``: one per joint, in order or by name, or one for all. Raises TrajectoryError for
+    way-points outside ``Limits.position``, for given velocities above their limit, for one at the
+    start or the end that is not rest, and for pieces that do not fit; InputError; PlanError (from
+    rest: a fault of sjerk).
 
     >>> way = Trajectory(["a"], [0.0, 0.5, 1.0], [[0.0], [0.2], [0.3]])
     >>> (all_of_it,) = follow(way, [Limits(2.0, 4.0, 50.0)], 1e-3)
