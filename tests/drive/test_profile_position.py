@@ -137,9 +137,7 @@ WORDS = st.integers(0, 3599)
     polarity=st.sampled_from((0, 0x80)),
     goals=st.lists(st.tuples(st.booleans(), st.integers(-9000, 9000)), min_size=1, max_size=4),
 )
-def test_60f2_says_on_which_way(
-    option: int, polarity: int, goals: list[tuple[bool, int]]
-) -> None:
+def test_60f2_says_on_which_way(option: int, polarity: int, goals: list[tuple[bool, int]]) -> None:
     """Bits 7, 6: linear, only negative, only positive, the shorter one; words, not motor turns."""
     axis = Axis(TABLE.changed(positioning_option=option, polarity=polarity))
     at = 0
@@ -193,7 +191,7 @@ def test_a_rotary_axis_does_not_turn_back_for_a_set_point_at_once(
 def test_no_way_leaves_the_software_limits(
     option: int, polarity: int, low: int, high: int, goals: list[tuple[bool, int]]
 ) -> None:
-    """607Dh: linear and rotary, absolute and relative; bit 11 for a set-point that is held there."""
+    """607Dh: linear and rotary, absolute and relative; bit 11 for a set-point held there."""
     axis = Axis(TABLE.changed(positioning_option=option, polarity=polarity, home_offset=1800))
     axis.drive.cycle(0xF, mode=Mode.HOMING)
     for _ in range(3):
@@ -227,7 +225,8 @@ def test_60f2_refuses_what_the_drive_does_not_do(option: int) -> None:
 
 def test_a_following_error_of_more_than_half_the_range_is_not_taken_for_a_small_one() -> None:
     """607Bh = one revolution: 60F4h = v / Kp, 1.25 revolutions at 50 per second without
-    feed-forward."""
+    feed-forward.
+    """
     axis = Axis(TABLE.changed(velocity_feedforward=0.0, period_s=1e-3))
     axis.offer(100 * 3600, bits=0x40)
     for _ in range(700):

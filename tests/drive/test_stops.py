@@ -1,4 +1,4 @@
-"""A stop that has begun ends at its own end; at a closed switch the axis stands, and away is free."""
+"""A stop that has begun ends at its own end; at a closed switch the axis stands, away is free."""
 
 from __future__ import annotations
 
@@ -55,9 +55,7 @@ def test_the_ramp_at_a_limit_switch_ends_at_its_own_end(
     then: str, option: int, rate: float
 ) -> None:
     """605Ah at a switch in CSP: whatever targets come meanwhile, bit 12 = 0 and bit 11 = 1."""
-    drive, feedback, last = running(
-        DriveConfig(switch_positive_rev=1.05, quick_stop_option=option)
-    )
+    drive, feedback, last = running(DriveConfig(switch_positive_rev=1.05, quick_stop_option=option))
     while feedback.digital_inputs == 0:
         last += SPEED * REV * 1e-3
         feedback = drive.cycle(0xF, round(last))
@@ -75,7 +73,7 @@ def test_the_ramp_at_a_limit_switch_ends_at_its_own_end(
 def test_a_master_that_anchors_at_the_actual_position_gets_bit_12_back() -> None:
     """As a kernel does at a switch: 6064h as the target until bit 12 is there, then away."""
     drive, feedback, _ = running(DriveConfig(switch_positive_rev=1.05))
-    for k in range(2000):
+    for _ in range(2000):
         step = round(SPEED * REV * 1e-3) if feedback.digital_inputs == 0 else 0
         feedback = drive.cycle(0xF, feedback.position_demand + step)
     for _ in range(300):

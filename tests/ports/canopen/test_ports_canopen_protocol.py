@@ -404,7 +404,8 @@ def test_remote_frames_are_answered_where_allowed() -> None:
 
 def test_process_data_of_wrong_length_is_one_emergency() -> None:
     """Too short: 8210h and ignored; too long: 8220h and used; once, with 1001h and 1003h, and
-    0000h when a right one comes."""
+    0000h when a right one comes.
+    """
     for bad, code in ((b"\6\0", 0x8210), (struct.pack("<Hbi", 6, 8, 0) + b"\0", 0x8220)):
         wire = Wire()
         wire.put(0, bytes((1, 0)))
@@ -486,11 +487,10 @@ def moving(wire: Wire, speed: float = 10.0) -> None:
 @pytest.mark.parametrize("silence", [5, 50, 200, 500])
 @pytest.mark.parametrize("counter", [12, 0xFFFF])
 @pytest.mark.parametrize("reaction", [0, 1, 2])
-def test_a_motor_does_not_freeze_when_sync_stops(
-    silence: int, counter: int, reaction: int
-) -> None:
+def test_a_motor_does_not_freeze_when_sync_stops(silence: int, counter: int, reaction: int) -> None:
     """1006h = 0: all of the silence passes for the motor; it stops by 605Eh, or without a fault
-    (10F1h:2 = FFFFh) by 6085h. Never 606Ch at speed beside a 6064h that stands."""
+    (10F1h:2 = FFFFh) by 6085h. Never 606Ch at speed beside a 6064h that stands.
+    """
     wire = Wire()
     wire.write(0x2100, 7, silence)
     wire.write(0x10F1, 2, counter)
