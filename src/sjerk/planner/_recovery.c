@@ -101,7 +101,8 @@ void sj_cross_gently(task *t, sj_plan *p)
     for (int i = 0; i < CROSSINGS && !lands(t); i++) {
         brink b = brink_of(t);
         double j = most_crossing_jerk(t, b.left, t->a0 > 0 ? t->ad : t->au);
-        put_crossing(t, least(j, b.left * b.left / (2 * most(0, t->vmax - b.v))), p);
+        double room = most(0, t->vmax - b.v); /* none: the most jerk that serves */
+        put_crossing(t, room > 0 ? least(j, b.left * b.left / (2 * room)) : j, p);
     }
 }
 
