@@ -156,7 +156,7 @@ def spoil(path: Path, at: int, new: bytes) -> None:
     [
         (READY, bytes(8), errors.SegmentNotReadyError),
         (0, b"GARBAGE!", errors.SegmentGarbageError),
-        (8, b"\2", errors.SegmentVersionError),
+        (8, b"\1", errors.SegmentVersionError),
         (40, b"\6", errors.SegmentLayoutError),
         (48, b"\xff" * 8, errors.SegmentGarbageError),
         (16, b"\xff" * 24, errors.SegmentGarbageError),
@@ -210,7 +210,7 @@ def test_what_is_no_file_is_refused(name: str, kind: str) -> None:
 def test_another_version_is_named(path: Path, name: str) -> None:
     """The error says which layout was found and which can be read."""
     spoil(path, 8, b"\7\0\0\0\3")
-    with pytest.raises(errors.SegmentVersionError, match=r"layout 7\.3, .* reads 1\.x"):
+    with pytest.raises(errors.SegmentVersionError, match=r"layout 7\.3, .* reads 2\.x"):
         Segment.attach(name, LAYOUT, role="host")
 
 

@@ -15,11 +15,11 @@ from typing import Any
 
 from sjerk.errors import HostTakenError, InputError, SegmentMissingError
 from sjerk.handshake import clean
-from sjerk.host import Feedback, Host
+from sjerk.host import Feedback, Host, Monitor
 from sjerk.recording import files
 
 #: Largest wait for a host that is about to leave, seconds.
-_PATIENCE = 2.0
+PATIENCE_S = 2.0
 
 
 # ---- arguments
@@ -87,12 +87,12 @@ def name_of(options: argparse.Namespace) -> str:
 def host_of(options: argparse.Namespace) -> Host:
     """Become the host of the kernel that is meant; the process that is it already is named."""
     try:
-        return Host.attach(name_of(options), wait=_PATIENCE)
+        return Host.attach(name_of(options), wait=PATIENCE_S)
     except HostTakenError as taken:
         pid = taken.pid
         what = (
-            f"{taken}: Ctrl-C there, or `kill -INT {pid}`, halts what a command of sjerk moves; "
-            "`sjerk stop --interrupt` does that"
+            f"{taken}: `sjerk stop` halts the axes beside it, `sjerk stop --interrupt` ends it "
+            f"too, as Ctrl-C there or `kill -INT {pid}` does"
         )
         raise HostTakenError(what, name=taken.name, pid=pid) from None
 
@@ -133,7 +133,7 @@ def axis_rows(feedback: Feedback) -> list[dict[str, Any]]:
     ]
 
 
-def show_axes(options: argparse.Namespace, host: Host) -> int:
+def show_axes(options: argparse.Namespace, host: Host | Monitor) -> int:
     """Print what the axes do; the exit code 0."""
     show(options, {"axes": axis_rows(host.feedback())})
     return 0

@@ -2,8 +2,9 @@
 
 A segment is a ``multiprocessing.shared_memory.SharedMemory``. A lock is a byte of the segment file
 itself, held by an open file description (``F_OFD_SETLK``): it ends with its process, however that
-dies, can be looked at without being taken, and leaves no file of its own behind. Three bytes are
-used, far beyond the content: host, kernel, and one that everybody who has the segment open shares.
+dies, can be looked at without being taken, and leaves no file of its own behind. They lie far
+beyond the content: host, kernel, one that everybody who has the segment open shares, and one for
+each slot for stop requests.
 
 Never here: what the content means.
 """
@@ -51,6 +52,8 @@ class Lock(enum.IntEnum):
     """Held by the one kernel."""
     PRESENT = HOST + 2
     """Shared by everybody who has the segment open."""
+    FIRST_STOP = HOST + 3
+    """Held by the process that has the first slot for stop requests; the other slots follow."""
 
 
 def check_name(name: str) -> str:

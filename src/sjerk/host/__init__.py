@@ -1,7 +1,7 @@
 """Commands to a kernel and what comes back: the host, its motions, feedback, events."""
 
 from sjerk.host.arguments import BUFFERS, Axes, Buffer, Direction, Target
-from sjerk.host.events import Event, EventKind
+from sjerk.host.events import Event, EventKind, StopKind
 from sjerk.host.feedback import AxisFeedback, Feedback, PathFeedback, PathState
 from sjerk.host.host import Host
 from sjerk.host.monitor import Monitor
@@ -31,6 +31,7 @@ __all__ = [
     "PathFeedback",
     "PathState",
     "Progress",
+    "StopKind",
     "Target",
     "Timing",
 ]

@@ -1,7 +1,7 @@
 """What can be seen of a running kernel, by a monitor or by a host.
 
-``Monitor`` reads only: it takes no lock, so there may be as many as are wanted. Never here:
-commands, how the memory is read.
+``Monitor`` reads, and can stop: it is never in the way of the host, so there may be as many as are
+wanted. Never here: commands that move, how the memory is read.
 """
 
 from __future__ import annotations
@@ -9,9 +9,11 @@ from __future__ import annotations
 from typing import Self
 
 from sjerk.handshake import Segment
-from sjerk.host.events import Event
+from sjerk.host.arguments import Axes
+from sjerk.host.events import Event, StopKind
 from sjerk.host.feedback import Feedback
 from sjerk.host.reader import EventCursor, FrameReader
+from sjerk.host.stop_requests import StopRequests
 
 
 class Observer:
@@ -67,7 +69,9 @@ class Observer:
 
 
 class Monitor(Observer):
-    """Reads a running kernel of another process: no lock, no command, as many as there are.
+    """Reads a running kernel of another process, and can stop it; as many as there are.
+
+    Its pages are mapped for reading only until the first stop.
 
     >>> from sjerk import Axis, Limits, MotionKernel
     >>> axis = Axis(Limits(90.0, 500.0, 5000.0), 2**24 / 360)
@@ -85,3 +89,45 @@ class Monitor(Observer):
         reader = FrameReader(Segment.attach(name, role="monitor"))
         reader.wait_until(lambda frame: True, 5.0, "the first cycle")
         return cls(reader)
+
+    def __init__(self, reader: FrameReader) -> None:
+        """Not for callers: ``attach``."""
+        super().__init__(reader)
+        self._stops = StopRequests(reader.segment)
+
+    def close(self) -> None:
+        """Let go of the kernel; what moves goes on."""
+        self._stops.close()
+        super().close()
+
+    @property
+    def host_pid(self) -> int | None:
+        """The process that is host now; None: nobody is."""
+        return self._reader.segment.host_pid()
+
+    def halt(self, timeout: float | None = 30.0, *, axes: Axes = None) -> None:
+        """Bring axes to rest within the limits of their moves, whoever is host; returns at rest.
+
+        The kernel takes it in its next cycle, refuses a goal of that cycle, drops what waits for
+        these axes, and tells it as an event (``EventKind.STOP``) with this process. The host stays
+        host: it may move them again. ``timeout`` in s.
+
+        Raises InputError for axes that the kernel has not, KernelGoneError, TimeoutError,
+        SegmentOwnerError where this user may only read.
+
+        >>> from sjerk import Axis, Limits, MotionKernel
+        >>> axis = Axis(Limits(90.0, 500.0, 5000.0), 2**24 / 360)
+        >>> with MotionKernel([axis]) as kernel, Monitor.attach(kernel.name) as monitor:
+        ...     host = kernel.host()
+        ...     host.enable()
+        ...     move = host.move(1000.0)
+        ...     move.accepted()
+        ...     monitor.halt()
+        ...     print(move.state.name)
+        STOPPED
+        """
+        self._stops.stop(StopKind.HALT, axes, timeout)
+
+    def quick_stop(self, timeout: float | None = 30.0, *, axes: Axes = None) -> None:
+        """As ``halt``, but each axis as soon as its own stop limits allow."""
+        self._stops.stop(StopKind.QUICK_STOP, axes, timeout)

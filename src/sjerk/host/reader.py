@@ -112,6 +112,11 @@ class FrameReader:
                 break
         return self.buffer if self.segment.check(status) else None
 
+    @property
+    def number(self) -> int:
+        """Of the frame that was read last: frames are counted since the segment was made."""
+        return int(self._number[0])
+
     def frame(self) -> Any:
         """As ``read``; raises SjerkError before the first cycle."""
         frame = self.read()

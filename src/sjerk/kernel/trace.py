@@ -44,7 +44,7 @@ def layout(axes: int, cycle_time: float, description: int) -> Layout:
 @cache
 def _abi() -> int:
     text = str([frame_dtype(1).descr, command_dtype(1).descr, event_dtype().descr])
-    text += str(record_dtype(1).descr)
+    text += str([record_dtype(1).descr, stop_dtype().descr])
     return int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "little")
 
 
@@ -76,9 +76,16 @@ def record_dtype(axes: int) -> np.dtype[Any]:
 
 
 @cache
-def row_dtype(axes: int, what: Literal["command", "record"]) -> np.dtype[Any]:
-    """Cycle, number and bytes of one command, or of one record of the ring."""
-    size = int((lib.sj_command_bytes if what == "command" else lib.sj_record_bytes)(axes))
+def stop_dtype() -> np.dtype[Any]:
+    """One ``sj_stop``: what a process beside the host asked to be stopped."""
+    return dtype_of("sj_stop")
+
+
+@cache
+def row_dtype(axes: int, what: Literal["command", "record", "stop"]) -> np.dtype[Any]:
+    """Cycle, number and bytes of one command, of one record of the ring, or of one stop."""
+    kinds = {"command": lib.sj_command_bytes, "record": lib.sj_record_bytes}
+    size = stop_dtype().itemsize if what == "stop" else int(kinds[what](axes))
     return np.dtype([("cycle", "u8"), ("number", "u8"), ("data", np.dtype((np.void, size)))])
 
 
@@ -125,8 +132,9 @@ class Chunk:
     """Consecutive cycles of a trace.
 
     ``frames``: structured (cycles,), one ``sj_trace_frame`` each. ``missed`` (cycles,): items that
-    were lost before each. ``commands`` and ``records``: structured ``cycle``, ``number``, ``data``;
-    ``events``: structured ``sj_kernel_event``; all in order.
+    were lost before each. ``commands``, ``records`` and ``stops`` (those that processes beside the
+    host asked for): structured ``cycle``, ``number``, ``data``; ``events``: structured
+    ``sj_kernel_event``; all in order.
     """
 
     frames: NDArray[Any]
@@ -134,6 +142,7 @@ class Chunk:
     commands: NDArray[Any]
     records: NDArray[Any]
     events: NDArray[Any]
+    stops: NDArray[Any]
 
     @property
     def axes(self) -> int:
@@ -150,6 +159,7 @@ class Chunk:
                 np.empty(0, row_dtype(axes, "command")),
                 np.empty(0, row_dtype(axes, "record")),
                 np.empty(0, event_dtype()),
+                np.empty(0, row_dtype(axes, "stop")),
             )
         if len(chunks) == 1:
             return chunks[0]
@@ -263,6 +273,7 @@ class Trace:
             self._rows(items[kinds == lib.SJ_TRACE_COMMAND], row_dtype(self.axes, "command")),
             self._rows(items[kinds == lib.SJ_TRACE_RECORD], row_dtype(self.axes, "record")),
             event.view(event_dtype())[:, 0],
+            self._rows(items[kinds == lib.SJ_TRACE_STOP], row_dtype(self.axes, "stop")),
         )
 
     def _rows(self, items: NDArray[np.uint8], kind: np.dtype[Any]) -> NDArray[Any]:
