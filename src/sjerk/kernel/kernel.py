@@ -7,6 +7,7 @@
 from __future__ import annotations
 
 import itertools
+import json
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -27,6 +28,7 @@ from sjerk.kernel.clock import Clock
 from sjerk.kernel.memory import build, commanded, first_frame, flags, rows
 from sjerk.kernel.process import KernelProcess, Order
 from sjerk.kernel.reactions import Reactions
+from sjerk.kernel.tables import kernel_fields
 
 _numbers = itertools.count(1)
 _step = lib.sj_kernel_step
@@ -147,6 +149,7 @@ class MotionKernel:
         if any(axis.drive == "external" for axis in self._axes):
             raise SjerkError("external drives are for step(): nobody would exchange their image")
         text = self._description()
+        self._check_description(text)
         own = layout(len(self._axes))
         trace_layout = trace.layout(len(self._axes), self._T, len(text))
         try:
@@ -154,7 +157,7 @@ class MotionKernel:
             self._trace = Segment.create(self._name + TRACE, trace_layout, replace_stale=True)
             self._segment = Segment.create(self._name, own, replace_stale=True)
             self._process = KernelProcess()
-            order = Order(self._name, self._axes, self._T, self.clock, self._reactions, text)
+            order = Order(self._name, text.decode(), trace.plain(self.clock), os.getpid())
             self._process.run(order)
         except BaseException:
             self.__exit__()
@@ -180,6 +183,20 @@ class MotionKernel:
         return trace.describe(
             name=self._name, cycle_time=self._T, axes=self._axes, reactions=self._reactions
         )
+
+    def _check_description(self, text: bytes) -> None:
+        """Refuse axes whose fields do not say all: a process of its own knows these alone."""
+        _, values = kernel_fields(self._name, json.loads(text))
+        own = build(values["axes"], self._T, values["reactions"], ffi.NULL)
+        for i, axis in enumerate(self._axes):
+            said, wanted = (ffi.addressof(k, "axis", i) for k in (own, self._kernel))
+            if bytes(ffi.buffer(said)) != bytes(ffi.buffer(wanted)):
+                raise InputError(
+                    f"axes[{i}]",
+                    axis,
+                    f"a {type(axis).__name__} does what its fields do not say: the kernel's own "
+                    "process has the fields of Axis, DriveConfig and Limits only; step() works",
+                )
 
     def host(self) -> Host:
         """Become the kernel's host; one at a time.

@@ -12,6 +12,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from functools import cache
+from numbers import Integral, Real
 from typing import Any, Literal, Self
 
 import numpy as np
@@ -100,14 +101,19 @@ def event_dtype() -> np.dtype[Any]:
 
 def describe(**what: Any) -> bytes:
     """Text (JSON) of dataclasses and numbers; only fields that are not as by default."""
-    text = json.dumps(_plain(what), separators=(",", ":")).encode()
+    text = json.dumps(plain(what), separators=(",", ":")).encode()
     return text + b" " * (-len(text) % 8)
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
+    """Tables, lists, texts and numbers of Python, of dataclasses of sjerk and numbers of any kind.
+
+    Of a subclass the fields that sjerk gave its base. Raises TypeError for anything else.
+    """
     if is_dataclass(value) and not isinstance(value, type):
+        known = next(c for c in type(value).__mro__ if c.__module__.partition(".")[0] == "sjerk")
         found = {}
-        for field in fields(value):
+        for field in fields(known):
             if not field.init:
                 continue
             own = getattr(value, field.name)
@@ -115,13 +121,21 @@ def _plain(value: Any) -> Any:
             if field.default_factory is not MISSING:
                 usual = field.default_factory()
             if usual is MISSING or own != usual:
-                found[field.name] = _plain(own)
+                found[field.name] = plain(own)
         return found
     if isinstance(value, dict):
-        return {key: _plain(one) for key, one in value.items()}
+        return {key: plain(one) for key, one in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_plain(one) for one in value]
-    return value
+        return [plain(one) for one in value]
+    if isinstance(value, (bool, np.bool_)):
+        return bool(value)
+    if isinstance(value, Integral):
+        return int(value)
+    if isinstance(value, Real):
+        return float(value)
+    if isinstance(value, str) or value is None:
+        return value
+    raise TypeError(f"{value!r} cannot be described")
 
 
 # ---- reading -------------------------------------------------------------------------------------
