@@ -22,17 +22,16 @@ from sjerk import errors
 from sjerk._binding import ffi, lib
 from sjerk.dpram.files import (
     INCOMPLETE,
-    PREFIX,
     TRACE,
     Lock,
+    Pages,
     PrivateMemory,
-    ReadOnlyPages,
     check_file,
     check_name,
     create_file,
     give_name,
     locked_by_other,
-    map_file,
+    no_memory,
     open_file,
     path_of,
     still_named,
@@ -146,12 +145,14 @@ class Segment:
                 give_name(name, path_of(temporary), replace_stale)
                 if role == "kernel":
                     take_lock(fd, fcntl.F_WRLCK, Lock.KERNEL)
-                memory = map_file(PREFIX + name)
+                memory = Pages(fd, writable=True)
                 return cls._opened(name, layout, role, memory, fd, created=True)
-            except BaseException:
+            except BaseException as error:
                 if memory is not None:
                     memory.close()
                 os.close(fd)
+                if isinstance(error, OSError):
+                    raise no_memory(error, name, layout.size) from error
                 raise
             finally:
                 with contextlib.suppress(FileNotFoundError):
@@ -174,8 +175,8 @@ class Segment:
         accepts a segment that another user created.
 
         Raises ``SegmentMissingError``, ``SegmentOwnerError``, ``HostTakenError`` (with the pid of
-        the other), ``KernelTakenError``, or the ``SegmentFormatError`` that says what is wrong with
-        the content.
+        the other), ``KernelTakenError``, ``SegmentMemoryError`` where the system lacks something,
+        or the ``SegmentFormatError`` that says what is wrong with the content.
         """
         check_name(name)
         if role not in ("host", "monitor", "kernel", "stopper"):
@@ -189,7 +190,7 @@ class Segment:
                 raise errors.SegmentMissingError(
                     f"segment {name!r} is being removed: its owners died", name=name
                 )
-            memory = ReadOnlyPages(fd) if role == "monitor" else map_file(PREFIX + name)
+            memory = Pages(fd, writable=role != "monitor")
             if not still_named(fd, path):
                 raise errors.SegmentMissingError(f"segment {name!r} was just removed", name=name)
             with ffi.from_buffer("char[]", memory.buf) as base:
@@ -202,10 +203,12 @@ class Segment:
             if role == "kernel" and not take_lock(fd, fcntl.F_WRLCK, Lock.KERNEL):
                 raise errors.KernelTakenError(f"kernel {name!r} is already running", name=name)
             return cls._opened(name, found, role, memory, fd)
-        except BaseException:
+        except BaseException as error:
             if memory is not None:
                 memory.close()
             os.close(fd)
+            if isinstance(error, OSError):
+                raise no_memory(error, name, 0) from error
             raise
 
     @classmethod

@@ -81,7 +81,7 @@ def test_a_size_that_is_no_int_is_refused(value: Any) -> None:
         Layout(command_bytes=value, feedback_bytes=8)
 
 
-@pytest.mark.parametrize("bad", ["", "a/b", "..", "a.b", "-a", "a b", "ä", "a\0", "a" * 201])
+@pytest.mark.parametrize("bad", ["", "a/b", "..", "a.b", "-a", "a b", "ä", "a\0", "a" * 195])
 def test_a_bad_name_is_refused(bad: str) -> None:
     """Before the file system sees it."""
     with pytest.raises(errors.SegmentNameError):
@@ -92,7 +92,7 @@ def test_a_bad_name_is_refused(bad: str) -> None:
 
 def test_the_longest_name_works() -> None:
     """The limit that the message gives is the limit."""
-    name = f"test-{secrets.token_hex(6)}".ljust(200, "x")
+    name = f"test-{secrets.token_hex(6)}".ljust(194, "x")
     with Segment.create(name, LAYOUT), Segment.attach(name, LAYOUT, role="host"):
         pass
     assert not Path(f"/dev/shm/sjerk-{name}").exists()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
+from sjerk.cli.common import printable
 from sjerk.handshake import clean
 
 
@@ -20,6 +21,6 @@ def run(options: argparse.Namespace) -> int:
     found = clean(dry_run=options.dry_run)
     for info in found:
         fate = "removed" if info.removed else "in use" if info.in_use else info.problem or "dead"
-        print(f"{info.name}: {info.size} bytes, {fate}")
+        print(f"{printable(info.name)}: {info.size} bytes, {fate}")
     print(f"{sum(info.removed for info in found)} of {len(found)} segments removed")
     return 0

@@ -76,7 +76,7 @@ def name_of(options: argparse.Namespace) -> str:
     """
     if options.name is not None:
         return str(options.name)
-    found = [info.name for info in clean(dry_run=True) if info.in_use and not info.companion]
+    found = [info.name for info in clean(dry_run=True) if info.kernel and not info.companion]
     if not found:
         raise SegmentMissingError("no kernel runs")
     if len(found) > 1:
@@ -98,6 +98,11 @@ def host_of(options: argparse.Namespace) -> Host:
 
 
 # ---- results
+
+
+def printable(text: str) -> str:
+    """A name of a file, which may have any bytes, in one line."""
+    return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
 
 
 def show(options: argparse.Namespace, data: dict[str, Any]) -> None:

@@ -29,7 +29,7 @@ def run(options: argparse.Namespace) -> int:
         recorder = Recorder(name, options.file)
         until = time.monotonic() + options.seconds
         with recorder, suppress(KeyboardInterrupt):
-            while recorder.alive and time.monotonic() < until:
+            while recorder.alive and recorder.fault is None and time.monotonic() < until:
                 time.sleep(0.05)
     show(
         options,

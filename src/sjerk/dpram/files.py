@@ -28,6 +28,7 @@ from typing import Any
 from sjerk import errors
 from sjerk._binding import ffi, lib
 from sjerk.dpram.layout import Layout, raise_for_status
+from sjerk.dpram.shortage import shortage
 
 #: Where POSIX shared memory lives, and how the names of our files begin.
 FOLDER, PREFIX = "/dev/shm", "sjerk-"
@@ -38,7 +39,7 @@ INCOMPLETE = ".unborn"
 #: Ends the name of a segment that goes with the kernel of the name before it.
 TRACE = ".trace"
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*(\.trace)?")
-_LONGEST_NAME = 200  # file names end at 255 bytes
+_LONGEST_NAME = 194  # that of its trace, while it is made, ends at 255 bytes
 
 _FLOCK = "hhqqi4x"  # struct flock: type, whence, start, length, pid
 
@@ -64,14 +65,15 @@ def check_name(name: str) -> str:
     """
     if not isinstance(name, str):
         raise TypeError(f"a kernel name must be a str, not {name!r}")
-    if len(name) > _LONGEST_NAME:
+    given = len(name.removesuffix(TRACE))
+    if given > _LONGEST_NAME:
         raise errors.SegmentNameError(
-            f"kernel name of {len(name)} characters is too long: at most {_LONGEST_NAME}", name=name
+            f"kernel name of {given} characters is too long: at most {_LONGEST_NAME}", name=name
         )
     if not _NAME.fullmatch(name):
-        given = name.removesuffix(TRACE)
         raise errors.SegmentNameError(
-            f"kernel name {given!r} must be letters, digits, '_' and '-', a letter or digit first",
+            f"kernel name {name.removesuffix(TRACE)!r} must be letters, digits, '_' and '-', "
+            "a letter or digit first",
             name=name,
         )
     return name
@@ -136,10 +138,12 @@ def open_file(name: str, path: str, flags: int) -> int:
             ) from None
         raise
     except OSError as error:
-        if error.errno in (errno.ELOOP, errno.EISDIR, errno.ENXIO):
+        if error.errno in (errno.ELOOP, errno.EISDIR, errno.ENXIO, errno.ENODEV):
             raise errors.SegmentGarbageError(
                 f"{path} is not a segment but a link, folder or device", name=name
             ) from None
+        if (missing := shortage(error, FOLDER)) is not None:
+            raise errors.SegmentMemoryError(f"segment {name!r}: {missing}", name=name) from None
         raise
 
 
@@ -160,6 +164,10 @@ class _Bypass:
         if name.lstrip("/") != self._name:
             self._real.register(name, rtype)
 
+    def unregister(self, name: str, rtype: str) -> None:  # where making it fails half way
+        if name.lstrip("/") != self._name:
+            self._real.unregister(name, rtype)
+
     def __getattr__(self, attribute: str) -> Any:
         return getattr(self._real, attribute)
 
@@ -167,26 +175,29 @@ class _Bypass:
 _bypass_lock = threading.Lock()
 
 
-def map_file(name: str, *, create: bool = False, size: int = 0) -> shared_memory.SharedMemory:
-    """A SharedMemory that no resource tracker knows of."""
+def new_memory(name: str, size: int) -> shared_memory.SharedMemory:
+    """A new SharedMemory that no resource tracker knows of."""
     if sys.version_info >= (3, 13):
-        return shared_memory.SharedMemory(name, create=create, size=size, track=False)
+        return shared_memory.SharedMemory(name, create=True, size=size, track=False)
     module: Any = shared_memory
     with _bypass_lock:
         real = module.resource_tracker
         module.resource_tracker = _Bypass(real, name)
         try:
-            return shared_memory.SharedMemory(name, create=create, size=size)
+            return shared_memory.SharedMemory(name, create=True, size=size)
         finally:
             module.resource_tracker = real
 
 
-class ReadOnlyPages:
-    """What a monitor maps: the pages of the same file, for reading only."""
+class Pages:
+    """The pages of a segment that is open, for reading only or for writing too.
 
-    def __init__(self, fd: int) -> None:
+    Not a SharedMemory: where one cannot map the pages it removes the segment, which is another's.
+    """
+
+    def __init__(self, fd: int, *, writable: bool) -> None:
         """Map the whole file."""
-        self.buf = mmap.mmap(fd, 0, access=mmap.ACCESS_READ)
+        self.buf = mmap.mmap(fd, 0, access=mmap.ACCESS_WRITE if writable else mmap.ACCESS_READ)
 
     def close(self) -> None:
         """Give the pages back."""
@@ -212,11 +223,9 @@ def create_file(name: str, temporary: str, layout: Layout, gid: int | None) -> i
     """
     size = layout.size
     try:
-        memory = map_file(PREFIX + temporary, create=True, size=size)
+        memory = new_memory(PREFIX + temporary, size)
     except OSError as error:
-        if error.errno in (errno.ENOSPC, errno.ENOMEM):
-            raise _no_memory(name, size) from None
-        raise
+        raise no_memory(error, name, size) from error
     fd = -1
     try:
         fd = open_file(name, path_of(temporary), os.O_RDWR)
@@ -235,18 +244,25 @@ def create_file(name: str, temporary: str, layout: Layout, gid: int | None) -> i
             os.close(fd)
         with contextlib.suppress(FileNotFoundError):
             os.unlink(path_of(temporary))
-        if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.ENOMEM):
-            raise _no_memory(name, size) from None
+        if isinstance(error, OSError):
+            raise no_memory(error, name, size) from error
         raise
     finally:
         memory.close()
     return fd
 
 
-def _no_memory(name: str, size: int) -> errors.SegmentMemoryError:
-    return errors.SegmentMemoryError(
-        f"segment {name!r}: {FOLDER} has no {size} bytes left", name=name, size=size
-    )
+def no_memory(error: OSError, name: str, size: int) -> Exception:
+    """The error of a segment that cannot be made or mapped for want of something; or as it is."""
+    missing = shortage(error, FOLDER, size)
+    if missing is None:
+        return error
+    return errors.SegmentMemoryError(f"segment {name!r}: {missing}", name=name, size=size)
+
+
+def ours(fd: int) -> bool:
+    """Whether it is a file that begins as a segment does, of whatever version or state."""
+    return stat.S_ISREG(os.fstat(fd).st_mode) and os.pread(fd, len(MAGIC), 0) == MAGIC
 
 
 def check_file(fd: int, name: str, any_owner: bool) -> None:
@@ -287,6 +303,11 @@ def _make_room(name: str, replace_stale: bool) -> None:
     path = path_of(name)
     fd = open_file(name, path, os.O_RDWR)
     try:
+        if not ours(fd):
+            raise errors.SegmentGarbageError(
+                f"{path} is there and is no segment of sjerk: it is left alone, take another name",
+                name=name,
+            )
         if not take_lock(fd, fcntl.F_WRLCK, Lock.PRESENT):
             raise errors.SegmentTakenError(
                 f"segment {name.removesuffix(TRACE)!r} is in use: a kernel of this name is running",

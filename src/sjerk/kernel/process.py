@@ -17,6 +17,7 @@ import sysconfig
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from sjerk.dpram.shortage import shortage
 from sjerk.errors import KernelGoneError
 
 #: What the process says once its cycle runs, and what it is told at the end.
@@ -84,8 +85,15 @@ class KernelProcess:
     """A process that runs the cycle of one kernel."""
 
     def __init__(self) -> None:
-        """Start it; it waits for its order."""
+        """Start it; it waits for its order. Raises KernelGoneError where that cannot be."""
         self._owner = os.getpid()
+        try:
+            self._start()
+        except OSError as error:
+            missing = shortage(error, "/") or f"{sys.executable}: {error.strerror}"
+            raise KernelGoneError(f"no process for the kernel: {missing}") from error
+
+    def _start(self) -> None:
         answers, for_it = os.pipe()
         self._answers = os.fdopen(answers, "rb", buffering=0)
         try:
