@@ -358,7 +358,10 @@ class Host(Observer):
     def home(self, *, axes: Axes = None) -> Move:
         """Let drives home by their own method (6098h); the frame shifts without a step.
 
-        The handle is done when the drive has attained its home and follows again.
+        The handle is done when the drives have attained their homes and follow again, so that the
+        next goal is taken; queued moves begin then. Where one fails, its axis is in ErrorStop until
+        ``reset``, the others of this order stop, the rest react as to a drive fault
+        (``Reactions.drive_fault``), and ``Move.wait`` raises MotionStoppedError with ``unhomed``.
         """
         chosen = axis_numbers(axes, self.axis_count)
         targets = {i: State(0.0) for i in chosen}
