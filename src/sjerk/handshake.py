@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import contextlib
 import fcntl
-import grp
 import os
 import threading
 import time
@@ -30,6 +29,7 @@ from sjerk.dpram.files import (
     check_name,
     create_file,
     give_name,
+    group_number,
     locked_by_other,
     no_memory,
     open_file,
@@ -49,6 +49,7 @@ __all__ = [
     "Segment",
     "SegmentInfo",
     "clean",
+    "group_number",
     "raise_for_status",
 ]
 
@@ -127,10 +128,10 @@ class Segment:
 
         Raises ``SegmentTakenError`` if a living process uses the name, ``SegmentStaleError`` if
         only dead ones did (unless ``replace_stale``), ``SegmentMemoryError``,
-        ``SegmentNameError``.
+        ``SegmentNameError``, ``InputError`` for a group that is not there or not this user's.
         """
         check_name(name)
-        gid = grp.getgrnam(group).gr_gid if isinstance(group, str) else group
+        gid = group_number(group)
         while True:
             temporary = f"{name}{INCOMPLETE}-{os.getpid()}-{time.monotonic_ns()}"
             fd = create_file(name, temporary, layout, gid)

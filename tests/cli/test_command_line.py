@@ -222,9 +222,10 @@ def test_a_missing_extra_is_named_with_its_module(
     """One line, and what to install."""
     file = tmp_path / "robot.toml"
     file.write_text(FILE)
+    monkeypatch.setitem(sys.modules, "pyarrow", None)  # also where it has been imported before
     monkeypatch.setitem(sys.modules, "pyarrow.parquet", None)
     monkeypatch.delitem(sys.modules, "sjerk.recording.parquet", raising=False)
-    assert main(["kernel", str(file), "--record", "a.parquet"]) == 1
+    assert main(["kernel", str(file), "--record", "a.parquet", "--seconds", "1"]) == 1
     told = capsys.readouterr().err
     assert told == "sjerk: module 'pyarrow' is not installed: the extra is sjerk[record]\n"
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -32,6 +33,7 @@ def add_verb(
     job = jobs.add_parser(verb, help=help)
     if named:
         job.add_argument("--name", help="of the kernel; default: the only one that runs")
+        job.add_argument("--any-owner", action="store_true", help="also a kernel of another user")
     job.add_argument("--json", action="store_true", help="one JSON object per line")
     job.set_defaults(run=run)
     return job
@@ -76,7 +78,11 @@ def name_of(options: argparse.Namespace) -> str:
     """
     if options.name is not None:
         return str(options.name)
-    found = [info.name for info in clean(dry_run=True) if info.kernel and not info.companion]
+    found = [
+        info.name
+        for info in clean(dry_run=True)
+        if info.kernel and not info.companion and (options.any_owner or info.uid == os.geteuid())
+    ]
     if not found:
         raise SegmentMissingError("no kernel runs")
     if len(found) > 1:
@@ -87,7 +93,7 @@ def name_of(options: argparse.Namespace) -> str:
 def host_of(options: argparse.Namespace) -> Host:
     """Become the host of the kernel that is meant; the process that is it already is named."""
     try:
-        return Host.attach(name_of(options), wait=PATIENCE_S)
+        return Host.attach(name_of(options), wait=PATIENCE_S, any_owner=options.any_owner)
     except HostTakenError as taken:
         pid = taken.pid
         what = (

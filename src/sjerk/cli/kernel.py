@@ -26,6 +26,7 @@ def add_arguments(jobs: Any) -> None:
     job = add_verb(jobs, "kernel", run, text, named=False)
     job.add_argument("file", type=Path)
     job.add_argument("--name", help="of the kernel; default: the file's")
+    job.add_argument("--group", help="whose members may use it too, by --any-owner")
     job.add_argument("--spin-us", type=float, help="busy wait before each deadline")
     job.add_argument("--seconds", type=duration_or_inf, default=float("inf"), help="end by itself")
     job.add_argument(
@@ -36,7 +37,7 @@ def add_arguments(jobs: Any) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Exit code 1 without a whole recording, 6 where the kernel ended, 130 where it never ran."""
-    kernel = load(options.file, name=options.name)
+    kernel = load(options.file, name=options.name, group=options.group)
     if options.spin_us is not None:
         kernel.clock = replace(kernel.clock, spin_us=options.spin_us)
     if options.record is not None:

@@ -16,7 +16,7 @@ def add_arguments(jobs: Any) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Of the newest cycle."""
-    with Monitor.attach(name_of(options)) as monitor:
+    with Monitor.attach(name_of(options), any_owner=options.any_owner) as monitor:
         feedback = monitor.feedback()
         timing = {
             "cycle": feedback.cycle,

@@ -46,7 +46,7 @@ def _interrupt(monitor: Monitor) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Return at rest."""
-    with Monitor.attach(name_of(options)) as monitor:
+    with Monitor.attach(name_of(options), any_owner=options.any_owner) as monitor:
         stop = monitor.quick_stop if options.quick else monitor.halt
         stop(axes=options.axes or None)
         if options.interrupt:

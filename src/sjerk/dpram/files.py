@@ -15,6 +15,7 @@ import contextlib
 import enum
 import errno
 import fcntl
+import grp
 import mmap
 import os
 import re
@@ -215,6 +216,29 @@ class PrivateMemory:
         """Nothing to give back."""
 
 
+def let_in(fd: int, gid: int) -> None:
+    """Give a file to a group; raises InputError where this user is not in it."""
+    try:
+        os.fchown(fd, -1, gid)
+    except PermissionError:
+        why = f"user {os.geteuid()} is not in it"
+        raise errors.InputError("group", gid, why) from None
+
+
+def group_number(group: int | str | None) -> int | None:
+    """The number of a group by its name or number; raises InputError where there is none."""
+    if group is None:
+        return None
+    if isinstance(group, bool) or not isinstance(group, int | str):
+        raise errors.InputError("group", group, "must be the name or the number of a group")
+    try:
+        if isinstance(group, str) and not group.isdecimal():
+            return grp.getgrnam(group).gr_gid
+        return grp.getgrgid(int(group)).gr_gid
+    except (KeyError, OverflowError):
+        raise errors.InputError("group", group, "is no group of this system") from None
+
+
 def create_file(name: str, temporary: str, layout: Layout, gid: int | None) -> int:
     """Make a whole segment under a name that no other process asks for.
 
@@ -235,7 +259,7 @@ def create_file(name: str, temporary: str, layout: Layout, gid: int | None) -> i
         # Now, so that a full file system is an error here and not a bus error in the cycle.
         os.posix_fallocate(fd, 0, size)
         if gid is not None:
-            os.fchown(fd, -1, gid)
+            let_in(fd, gid)
         os.fchmod(fd, 0o600 if gid is None else 0o660)
         with ffi.from_buffer("char[]", memory.buf) as base:
             raise_for_status(lib.sj_shm_format(base, len(base), layout.config()), name)
@@ -275,8 +299,8 @@ def check_file(fd: int, name: str, any_owner: bool) -> None:
         raise errors.SegmentGarbageError(f"segment {name!r} is not a regular file", name=name)
     if found.st_uid != os.geteuid() and not any_owner:
         raise errors.SegmentOwnerError(
-            f"segment {name!r} belongs to user {found.st_uid}, not {os.geteuid()}; "
-            "any_owner=True accepts it",
+            f"segment {name!r} belongs to user {found.st_uid}, not {os.geteuid()}: "
+            "any_owner=True (--any-owner) accepts it",
             name=name,
             uid=found.st_uid,
         )

@@ -81,19 +81,19 @@ class Monitor(Observer):
     """
 
     @classmethod
-    def attach(cls, name: str) -> Self:
-        """Read the running kernel ``name``.
+    def attach(cls, name: str, *, any_owner: bool = False) -> Self:
+        """Read the running kernel ``name``; ``any_owner``: also one of another user.
 
-        Raises HandshakeError: no such kernel, another version.
+        Raises HandshakeError: no such kernel, another version, another user's.
         """
-        reader = FrameReader(Segment.attach(name, role="monitor"))
+        reader = FrameReader(Segment.attach(name, role="monitor", any_owner=any_owner))
         reader.wait_until(lambda frame: True, 5.0, "the first cycle")
-        return cls(reader)
+        return cls(reader, any_owner=any_owner)
 
-    def __init__(self, reader: FrameReader) -> None:
+    def __init__(self, reader: FrameReader, *, any_owner: bool = False) -> None:
         """Not for callers: ``attach``."""
         super().__init__(reader)
-        self._stops = StopRequests(reader.segment)
+        self._stops = StopRequests(reader.segment, any_owner=any_owner)
 
     def close(self) -> None:
         """Let go of the kernel; what moves goes on."""

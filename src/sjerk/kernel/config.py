@@ -13,8 +13,12 @@ from sjerk.kernel.kernel import MotionKernel
 from sjerk.kernel.tables import kernel_fields
 
 
-def load(path: Path | str, *, name: str | None = None) -> MotionKernel:
+def load(
+    path: Path | str, *, name: str | None = None, group: int | str | None = None
+) -> MotionKernel:
     """Read a kernel from a TOML file; ``name`` of the segment, else the file's, else the file stem.
+
+    ``group``: as of ``MotionKernel``.
 
     Raises ConfigError with the file and the place in it, OSError.
 
@@ -31,15 +35,18 @@ def load(path: Path | str, *, name: str | None = None) -> MotionKernel:
         table = tomllib.loads(Path(path).read_text(encoding="utf-8"))
     except (ValueError, RecursionError) as fault:  # also of text that is not UTF-8, of long numbers
         raise ConfigError(str(path), "syntax", None, str(fault)) from fault
-    return described(path, table, name=name)
+    return described(path, table, name=name, group=group)
 
 
-def described(path: Path | str, table: object, *, name: str | None = None) -> MotionKernel:
+def described(
+    path: Path | str, table: object, *, name: str | None = None, group: int | str | None = None
+) -> MotionKernel:
     """The kernel that a table describes, laid out as in ``load``; ``path`` is where it is from.
 
     Raises ConfigError.
     """
     top, values = kernel_fields(path, table)
     values["name"] = values.get("name", Path(path).stem) if name is None else name
+    values["group"] = group
     kernel: MotionKernel = top.make(MotionKernel, (), values)
     return kernel

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from sjerk._binding import ffi, lib
 from sjerk.errors import InputError, SjerkError, positive
-from sjerk.handshake import TRACE, Segment
+from sjerk.handshake import TRACE, Segment, group_number
 from sjerk.host import Host
 from sjerk.host.link import Link
 from sjerk.host.reader import layout
@@ -76,11 +76,13 @@ class MotionKernel:
         name: str | None = None,
         clock: Clock | None = None,
         reactions: Reactions | None = None,
+        group: int | str | None = None,
     ) -> None:
         """``cycle_time`` in seconds (25 us to 100 ms). ``name``: of the segment, else made up.
 
         ``clock``: what the process asks of the system, else nothing. ``reactions``: what the kernel
-        does by itself.
+        does by itself. ``group``: whose members may command, watch and stop its process, with
+        ``any_owner=True``; None: this user alone.
 
         Raises InputError for axes that cannot run: each names the axis.
         """
@@ -95,6 +97,7 @@ class MotionKernel:
         if name is not None and (not isinstance(name, str) or not name):
             raise InputError("name", name, "must be a text that is not empty")
         self._name = name or f"kernel-{os.getpid()}-{next(_numbers)}"
+        self._group = group_number(group)
         self.clock = clock or Clock()
         self._reactions = reactions or Reactions()
         self._process: KernelProcess | None = None
@@ -154,8 +157,10 @@ class MotionKernel:
         trace_layout = trace.layout(len(self._axes), self._T, len(text))
         try:
             # first the trace: a client that finds the kernel finds it
-            self._trace = Segment.create(self._name + TRACE, trace_layout, replace_stale=True)
-            self._segment = Segment.create(self._name, own, replace_stale=True)
+            self._trace = Segment.create(
+                self._name + TRACE, trace_layout, group=self._group, replace_stale=True
+            )
+            self._segment = Segment.create(self._name, own, group=self._group, replace_stale=True)
             self._process = KernelProcess()
             order = Order(self._name, text.decode(), trace.plain(self.clock), os.getpid())
             self._process.run(order)

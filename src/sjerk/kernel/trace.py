@@ -200,9 +200,9 @@ class Trace:
         self._begun = False
 
     @classmethod
-    def attach(cls, name: str) -> Self:
+    def attach(cls, name: str, *, any_owner: bool = False) -> Self:
         """The trace of the running kernel ``name``; raises HandshakeError."""
-        segment = Segment.attach(name + TRACE, role="monitor")
+        segment = Segment.attach(name + TRACE, role="monitor", any_owner=any_owner)
         try:
             return cls.of(segment)
         except BaseException:

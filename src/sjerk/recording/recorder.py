@@ -40,11 +40,16 @@ class Recorder:
     """
 
     def __init__(
-        self, kernel: MotionKernel | str, path: Path | str | None, *, period: float = 0.02
+        self,
+        kernel: MotionKernel | str,
+        path: Path | str | None,
+        *,
+        period: float = 0.02,
+        any_owner: bool = False,
     ) -> None:
         """``path`` ends in ``.parquet`` or ``.mcap``; None keeps the cycles in memory.
 
-        ``period`` in s: how often the trace is read.
+        ``period`` in s: how often the trace is read. ``any_owner``: also of another user's kernel.
 
         Raises InputError, HandshakeError where no such kernel runs.
         """
@@ -59,7 +64,8 @@ class Recorder:
         if self._kernel is not None:
             self._trace = Trace.of(self._kernel.trace_to(self.drain))
         else:
-            self._trace = Trace.attach(kernel if isinstance(kernel, str) else kernel.name)
+            name = kernel if isinstance(kernel, str) else kernel.name
+            self._trace = Trace.attach(name, any_owner=any_owner)
         try:
             text = json.dumps(self._trace.description)
             self._file = None if self._path is None else files.writer(self._path, text)
