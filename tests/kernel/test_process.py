@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 
 from sjerk import Axis, Clock, DriveConfig, InputError, KernelGoneError, Limits, MotionKernel, _core
+from sjerk.host import KernelState, Monitor
 from sjerk.kernel import process
 from sjerk.kernel.process import import_path
 from sjerk.recording import Recorder
@@ -287,3 +288,40 @@ def test_what_cannot_be_pickled_does_not_matter() -> None:
 
     with MotionKernel([Axis(LIMITS, COUNTS, Config(velocity_feedforward=0.5))]) as kernel:
         assert kernel.alive
+
+
+# ---- whether it works
+
+
+def comes(monitor: Monitor, state: KernelState) -> bool:
+    """Whether the kernel comes to be seen like this."""
+    end = time.monotonic() + 60.0
+    while monitor.kernel_state is not state:
+        if time.monotonic() > end:
+            return False
+        time.sleep(0.01)
+    return True
+
+
+def test_a_suspended_kernel_is_told_from_one_that_runs_and_one_that_is_gone() -> None:
+    """By the age of its newest frame, which grows while no cycle runs."""
+    with MotionKernel([AXIS]) as kernel, Monitor.attach(kernel.name) as monitor:
+        assert kernel.pid is not None
+        assert comes(monitor, KernelState.RUNNING)
+        os.kill(kernel.pid, signal.SIGSTOP)
+        assert comes(monitor, KernelState.SUSPENDED)
+        ages = [monitor.feedback() for _ in range(3)]
+        assert len({frame.cycle for frame in ages}) == 1
+        assert 0.1 < ages[0].age < ages[1].age < ages[2].age  # type: ignore[operator]
+        with pytest.raises(TimeoutError, match="not taken by the kernel"):
+            monitor.halt(0.2)
+        os.kill(kernel.pid, signal.SIGCONT)
+        assert comes(monitor, KernelState.RUNNING)
+        monitor.halt()
+        os.kill(kernel.pid, signal.SIGKILL)
+        assert comes(monitor, KernelState.GONE)
+    loop = MotionKernel([AXIS])
+    host = loop.host()
+    loop.step()
+    assert host.feedback().age is None
+    assert host.kernel_state is KernelState.RUNNING

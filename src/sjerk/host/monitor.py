@@ -11,7 +11,7 @@ from typing import Self
 from sjerk.handshake import Segment
 from sjerk.host.arguments import Axes
 from sjerk.host.events import Event, StopKind
-from sjerk.host.feedback import Feedback
+from sjerk.host.feedback import Feedback, KernelState
 from sjerk.host.reader import EventCursor, FrameReader
 from sjerk.host.stop_requests import StopRequests
 
@@ -49,6 +49,20 @@ class Observer:
         """Whether the process of the kernel is there; always True in a caller's own loop."""
         return self._reader.kernel_lives
 
+    @property
+    def kernel_state(self) -> KernelState:
+        """Whether its cycles go on: a process that is there may be suspended, or have no processor.
+
+        It counts as suspended where its newest frame is older than 0.1 s and ten cycles.
+        """
+        if not self._reader.kernel_lives:
+            return KernelState.GONE
+        frame = self._reader.frame()
+        age = self._reader.age(frame)
+        if age is not None and age > 0.1 + 10.0 * frame.cycle_time_s:
+            return KernelState.SUSPENDED
+        return KernelState.RUNNING
+
     def feedback(self) -> Feedback:
         """Return the newest feedback: every axis in the same cycle.
 
@@ -56,7 +70,7 @@ class Observer:
         """
         self._reader.check_kernel("reading feedback")
         copy = self._reader.copy()
-        return Feedback(copy, copy.cycle_time_s)
+        return Feedback(copy, copy.cycle_time_s, self._reader.age(copy))
 
     def events(self) -> tuple[list[Event], int]:
         """Events since the last call, oldest first, and how many were overwritten unread."""

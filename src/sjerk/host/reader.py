@@ -124,6 +124,12 @@ class FrameReader:
             raise SjerkError("no cycle has run yet: call MotionKernel.step() first")
         return frame
 
+    def age(self, frame: Any) -> float | None:
+        """Seconds since the begin of the cycle of a frame; None in a caller's own loop."""
+        if not self.clocked:
+            return None
+        return max(0.0, (int(lib.sj_clock_now_ns()) - int(frame.time_ns)) * 1e-9)
+
     def copy(self) -> Any:
         """A copy of the newest frame."""
         copy = ffi.new("sj_feedback *")
