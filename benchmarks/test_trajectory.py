@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import tracemalloc
 from collections.abc import Iterator
+from time import process_time
 from typing import Any
 
 import numpy as np
@@ -225,7 +226,8 @@ def test_streaming_beside_interruption(report: Any) -> None:
                 )
                 position = _streamed(stream, goals)
                 told = f", lag at most {stream.report.largest_lag:.3f} s"
-                told += f", {stream.report.missed} goals missed"
+                most = stream.report.deviation / np.ptp(goals, axis=0)
+                told += f", goals within {most.max():.1e} of the way"
             dips = [demo.dips(v) for v in np.diff(position, axis=0).T]
             jerk = np.abs(np.diff(position, 3, axis=0)).max(axis=0) / T**3
             share = (jerk / [limit.jerk for limit in limits]).max()
@@ -239,6 +241,29 @@ def test_streaming_beside_interruption(report: Any) -> None:
             )
             if kind == "look-ahead":
                 assert dips == own
+
+
+def test_cost_of_a_stream(report: Any) -> None:
+    """Seven joints, goals at 500 and 10 Hz: share of one core, and the longest step."""
+    limits, names = [Limits(2.0, 4.0, 40.0)] * 7, ("within limits", "25 % too fast")
+    for period, (name, speed) in itertools.product(
+        (0.002, 0.1), zip(names, (0.8, 2.0), strict=True)
+    ):
+        time = np.arange(0.0, 8.0, period)
+        goals = np.outer(1.0 - np.cos(speed * np.pi / 2.0 * time), np.linspace(0.3, 0.8, 7))
+        stream = GoalStream(limits, T, goals[0], period=period, delay=max(2, round(0.6 / period)))
+        spent, worst = process_time(), 0.0
+        for k in range(1, len(time)):
+            before = process_time()
+            stream.push(goals[k])
+            stream.take(round(k * period / T))
+            worst = max(worst, process_time() - before)
+        share = (process_time() - spent) / time[-1]
+        report.line(
+            STREAM,
+            f"7 joints, {1 / period:.0f} Hz, {name:14}: {share:.2%} of a core, one take at most "
+            f"{1e3 * worst:.1f} ms, lag at most {stream.report.largest_lag:.3f} s",
+        )
 
 
 def _interrupted(goals: np.ndarray, limits: list[Limits]) -> np.ndarray:

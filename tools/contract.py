@@ -22,7 +22,10 @@ HEADERS = (
     "drive/_words.h",
     "drive/_drive.h",
     "_kernel.h",
-    "trajectory/_following.h",
+    "trajectory/_qp.h",
+    "trajectory/_horizon.h",
+    "trajectory/_samples.h",
+    "trajectory/_arrow.h",
     "trajectory/_track.h",
     "trajectory/_pace.h",
     "cycle/_states.h",
@@ -31,6 +34,8 @@ HEADERS = (
     "cycle/_state.h",
     "cycle/_cycle.h",
     "kernel/_clock.h",
+    "ports/ethercat/_esc.h",
+    "ports/ethercat/_wire.h",
 )
 C_ONLY = "/* For C only. */"
 

@@ -77,7 +77,7 @@ static const uint8_t LEGAL[8][8] = {
 int main(int count, char **arguments)
 {
     const uint64_t cycles = strtoull(count > 1 ? arguments[1] : "100000", NULL, 10);
-    static const uint16_t walk[] = {0x00, 0x06, 0x07, 0x0F, 0x0F, 0x0F, 0x0F, 0x80, 0x02, 0x10F, 0x1F, 0x1F, 0x3F, 0x5F};
+    static const uint16_t walk[] = {0x00, 0x06, 0x07, 0x0F, 0x0F, 0x0F, 0x0F, 0x80, 0x02, 0x10F, 0x11F, 0x1F, 0x1F, 0x3F, 0x5F, 0x21F, 0x25F};
     static const int8_t modes[] = {0, 1, 1, 3, 6, 8, 8, 8, 9, 10, 7, -1};
     static const uint16_t climb[8] = {0x00, 0x06, 0x07, 0x0F, 0x0F, 0x0F, 0x0F, 0x00};
     uint64_t visited[8] = {0};
@@ -142,8 +142,9 @@ int main(int count, char **arguments)
                     isfinite(drive.verdict.jerk_max_rev_s3),
                 "not finite", k);
         promise(drive.servo.fraction >= 0.0 && drive.servo.fraction <= 1.0, "encoder fraction", k);
-        promise(drive.actual.units >= drive.config.range_min &&
-                    drive.actual.units <= drive.config.range_max, "range of 607Bh", k);
+        promise(drive.actual.units >= drive.scale.range_min &&
+                    drive.actual.units < drive.scale.range_min + drive.scale.range,
+                "range of 607Bh", k);
         promise(drive.state == SJ_STATE_OPERATION_ENABLED || tx.mode_display == SJ_MODE_HOMING ||
                     !(tx.statusword & SJ_SW_FOLLOWS), "follows while not enabled", k);
         visited[drive.state]++;

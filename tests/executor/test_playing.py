@@ -38,12 +38,12 @@ def played(goals: Array, *, late: int = -1, within: bool = False) -> tuple[Bench
 
 
 def test_a_stream_is_played_without_a_dip() -> None:
-    """Every goal stands in the recording, no dip, limits kept, no lag."""
+    """Each goal is passed within 5e-4 of the way, no dip, limits kept, no lag."""
     bench, player = played(GOALS)
-    assert player.report.met == len(GOALS) - 1
+    assert player.report.passed == len(GOALS) - 1
     assert player.report.largest_lag <= 2 * T
     for goal in GOALS:
-        assert (bench.positions == goal).all(axis=1).any()
+        assert np.abs(bench.positions - goal).max(axis=1).min() <= 5e-4
     assert [dips(v) for v in np.diff(bench.positions, axis=0).T] == [0, 0]
     keeps(bench.positions, LIMITS)
     np.testing.assert_array_equal(bench.positions[-1], GOALS[-1])
@@ -58,10 +58,12 @@ def test_stop_within_is_played_too() -> None:
     np.testing.assert_array_equal(bench.positions[-1], GOALS[-1])
 
 
-def test_a_host_that_is_held_up_stops_and_goes_on() -> None:
-    """No piece for 400 cycles in full motion: at rest within the limits, told, then to the end."""
+def test_a_host_that_is_held_up_goes_on_from_where_its_plan_has_come() -> None:
+    """No piece for 400 cycles in full motion: limits kept, a lag, no turn, then to the end."""
     bench, player = played(GOALS, late=12)
-    assert player.report.starved >= 1
+    assert player.report.largest_lag > 0.0
+    assert player.report.reversals.max() == 0
+    assert (np.diff(bench.positions[:, 0]) >= 0.0).all()
     keeps(bench.positions, LIMITS)
     np.testing.assert_array_equal(bench.positions[-1], GOALS[-1])
 
@@ -74,3 +76,25 @@ def test_what_is_refused() -> None:
     player = StreamPlayer(bench.host, period=0.1)
     with pytest.raises(InputError):
         player.push([0.0])
+
+
+def test_cycles_that_the_kernel_leaves_out_are_made_up() -> None:
+    """A kernel that leaves out 10 % of its cycles: the stream passes its last goal in time."""
+    bench = Bench([0.0, 0.0], LIMITS)
+    player = StreamPlayer(bench.host, period=0.1)
+    begun, skipped = bench.host.feedback().cycle, 0
+    for k, goal in enumerate(GOALS[1:]):
+        player.push(goal, 0.1 * k)
+        if k == len(GOALS) - 2:
+            player.end()
+        for cycle in range(90):
+            bench.kernel.step()
+            if cycle % 4 == 0:
+                player.update()
+        bench.kernel._kernel.feedback.late += 10  # as a clock that comes too late does
+        skipped += 10
+    while not player.done:
+        bench.kernel.step()
+        player.update()
+    took = bench.host.feedback().cycle - begun + skipped
+    assert took * T <= 0.1 * (len(GOALS) - 1) + 4 * 0.1 + 2 * 0.05 + 0.15

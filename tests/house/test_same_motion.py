@@ -60,12 +60,12 @@ def test_a_checkout_is_equal_to_itself_in_every_family(tmp_path: Path) -> None:
 
 
 def test_another_constant_is_found_with_seed_column_and_row(tmp_path: Path) -> None:
-    """How fast a stream makes up its lag: only streams differ, the first difference is shown."""
+    """How smooth a stream is: only streams differ, the first difference is shown."""
     old, new = checkout(tmp_path / "old"), checkout(tmp_path / "new")
-    pacing = new / "src" / "sjerk" / "trajectory" / "pacing.py"
-    text = pacing.read_text()
-    pacing.write_text(text.replace("CATCH_UP = 0.1\n", "CATCH_UP = 0.2\n"))
-    assert pacing.read_text() != text
+    streaming = new / "src" / "sjerk" / "trajectory" / "streaming.py"
+    text = streaming.read_text()
+    streaming.write_text(text.replace("SMOOTHING = 0.1\n", "SMOOTHING = 0.2\n"))
+    assert streaming.read_text() != text
     code, told = compared(old, new, "--seeds=3", "--families", "planner", "streams")
     assert code == 1, told
     assert "motion differs first at seed" in told

@@ -218,6 +218,20 @@ def test_a_late_reader_loses_the_oldest_and_knows_how_many() -> None:
     assert missed[1:].sum() == 0
 
 
+def test_a_reader_of_a_full_trace_begins_where_nothing_is_overwritten_meanwhile() -> None:
+    """The oldest eighth is left to the kernel: what comes before the first read loses nothing."""
+    kernel = MotionKernel([AXIS], T)
+    told = kernel.trace_to(None)
+    capacity = told.layout.event_capacity
+    kernel.step(2 * capacity)
+    trace = Trace.of(told)
+    kernel.step(capacity // 16)
+    chunk = trace.read()
+    assert chunk is not None
+    assert chunk.missed.sum() == 0
+    assert chunk.frames["head"]["cycle"][0] == 2 * capacity - capacity * 7 // 8 + 1
+
+
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_gaps_are_stored(tmp_path: Path, suffix: str) -> None:
     """A recorder that was kept away: the file says where and how much, and is not replayed."""

@@ -1,4 +1,4 @@
-"""``sjerk drive``: a simulated CiA 402 drive on a CANopen bus. Never here: what a frame means."""
+"""``sjerk drive``: simulated drives on CANopen or EtherCAT. Never here: what a frame means."""
 
 from __future__ import annotations
 
@@ -13,11 +13,12 @@ from sjerk.cia402 import MOTORS, Drive, DriveConfig, DriveState
 from sjerk.drive import Device
 from sjerk.extras import load
 from sjerk.ports.canopen import Node
+from sjerk.ports.ethercat import command as ethercat
 
 
 def add_arguments(jobs: Any) -> None:
     """Add drive."""
-    job = jobs.add_parser("drive", help="be a simulated CiA 402 drive on a CANopen bus")
+    job = jobs.add_parser("drive", help="be simulated CiA 402 drives on CANopen or EtherCAT")
     job.add_argument("--interface", default="udp_multicast", help="of python-can")
     job.add_argument("--channel", default="239.74.163.2", help="of python-can")
     job.add_argument(
@@ -31,7 +32,8 @@ def add_arguments(jobs: Any) -> None:
     job.add_argument("--motor", default="SGM7J-04A", choices=sorted(MOTORS))
     job.add_argument("--load-inertia", type=float, default=1.0, help="load / rotor inertia")
     job.add_argument("--eds", type=Path, help="write the electronic data sheet here first")
-    job.set_defaults(run=run)
+    ethercat.add_arguments(job)
+    job.set_defaults(run=lambda o: ethercat.run(o) if ethercat.wanted(o) else run(o))
 
 
 def run(options: argparse.Namespace) -> int:

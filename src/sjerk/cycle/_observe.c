@@ -15,6 +15,8 @@
 #include "cycle/_reactions.h"
 #include "dpram/_dpram.h"
 
+enum { PATIENCE = 3 };                  /* cycles without bit 12 that are no stop */
+
 /* ---- drives ---- */
 
 /* The command becomes the actual position, at rest. */
@@ -54,6 +56,25 @@ static void observe_homing(sj_kernel *kernel, int32_t i)
         homing_failed(kernel, i);
 }
 
+/* Whether the drive follows the command. An enabled one that lets bit 12 fall for a few cycles at speed
+ * may only have missed a SYNC: the command goes on, and so does the move. Not where bit 11 tells of a
+ * limit that it keeps. One that was silent follows
+ * from the cycle after: the command has to be where it is now first. */
+static int32_t follows(sj_axis *ax, const sj_drive_tx *tx, int32_t stale)
+{
+    int32_t now = sj_master_follows_position(tx), silent = ax->unfollowed > PATIENCE;
+
+    if (stale) {
+        ax->unfollowed = PATIENCE + 1;
+        return 0;
+    }
+    if (now || !ax->following || ax->homing || !axis_moving(ax) || !sj_master_bridging(tx)) {
+        ax->unfollowed = 0;
+        return now && !silent;
+    }
+    return ax->unfollowed++ < PATIENCE;
+}
+
 static void observe(sj_kernel *kernel, int32_t i)
 {
     sj_axis *ax = &kernel->axis[i];
@@ -63,7 +84,8 @@ static void observe(sj_kernel *kernel, int32_t i)
     int32_t fault = sj_master_fault(tx->statusword) || stale;
 
     ax->actual_counts += (int32_t)change;
-    ax->following = sj_master_follows_position(tx) && !stale;
+    ax->following = follows(ax, tx, stale);
+    ax->drive_stop |= stale && sj_master_enabled(tx->statusword); /* it may still hear us */
     if (!ax->following) {
         if (followed && !ax->homing) /* what waits behind a homing waits on */
             sj_lookahead_stop(kernel, axis_bit(i));
@@ -145,9 +167,9 @@ void sj_observe_rest(sj_kernel *kernel, uint64_t now_ns)
         sj_react(kernel, SJ_CAUSE_OVERRUN, all_axes(kernel));
     }
     if (kernel->ending && !kernel->ended) {
-        kernel->ended = 1;
         sj_react_stop_homing(kernel, all_axes(kernel));
         sj_react_halt(kernel, all_axes(kernel));
     }
+    kernel->ended += kernel->ending && kernel->ended < INT32_MAX;
     kernel->feedback.ending = kernel->ending;
 }

@@ -45,7 +45,9 @@ typedef struct {
     int32_t homing;                     /* cycles since the order, 0 = none */
     int32_t resting, still;             /* cycles since the command, the motor came to rest */
     int32_t homed;                      /* 1: at its home, and does not follow again yet */
+    int32_t unfollowed;                 /* cycles in which an enabled drive has not followed */
     int32_t drive_stop;                 /* 1: the drive's own quick stop; the planner could not */
+    int32_t reserved;
     uint32_t halts, quick_stops, resets, limit_sets;
 } sj_axis;
 
@@ -111,7 +113,7 @@ typedef struct {
     void *segment;
     int32_t axes;
     int32_t ending;                     /* 1: stop, disable, refuse goals */
-    int32_t ended;                      /* the end has been seen */
+    int32_t ended;                      /* cycles since the end has been seen */
     int32_t host_state;
     int32_t hold;
     uint32_t cancels;

@@ -87,9 +87,10 @@ static const field FIELDS[] = {
     FIELD(fault_option, SIGNED, 0.0, 4.0),
     FIELD(abort_option, SIGNED, 0.0, 3.0),
     FIELD(jump_option, SIGNED, 0.0, 2.0),
-    FIELD(positioning_option, SIGNED, 0.0, 2.0),
+    FIELD(positioning_option, SIGNED, 0.0, 194.0),
     FIELD(sync_extrapolation, UNSIGNED, 0.0, 65535.0),
     FIELD(sync_error_limit, UNSIGNED, 1.0, 65535.0),
+    FIELD(software_from_home, UNSIGNED, 0.0, 1.0),
     FIELD(home_offset, SIGNED, I32_MIN, I32_MAX),
     FIELD(homing_method, SIGNED, 0.0, 37.0),
     FIELD(homing_speed_switch, UNSIGNED, 1.0, U32_MAX),
@@ -205,11 +206,9 @@ int32_t sj_drive_config_check(const sj_drive_config *config)
     if (damping > inertia * config->inner_rate_hz) {
         return number_of(offsetof(sj_drive_config, friction_nm));
     }
-    if (config->range_min >= config->range_max) {
-        return number_of(offsetof(sj_drive_config, range_max));
-    }
-    if (config->software_min > config->software_max) {
-        return number_of(offsetof(sj_drive_config, software_max));
+    if ((config->positioning_option & ~(SJ_RELATIVE_BITS | SJ_ROTARY_BITS)) != 0 ||
+        (config->positioning_option & SJ_RELATIVE_BITS) > SJ_RELATIVE_ACTUAL) {
+        return number_of(offsetof(sj_drive_config, positioning_option));
     }
     if (config->switch_negative_rev >= config->switch_positive_rev) {
         return number_of(offsetof(sj_drive_config, switch_positive_rev));

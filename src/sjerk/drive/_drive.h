@@ -12,6 +12,21 @@ enum {                                  /* what a target beyond the jump limit c
     SJ_JUMP_OFF = 2
 };
 
+enum {                                  /* 60F2h bits 1, 0: what a relative set-point counts from */
+    SJ_RELATIVE_TARGET = 0,             /* the target before */
+    SJ_RELATIVE_DEMAND = 1,             /* 6062h */
+    SJ_RELATIVE_ACTUAL = 2,             /* 6064h */
+    SJ_RELATIVE_BITS = 3
+};
+
+enum {                                  /* 60F2h bits 7, 6: the way to a set-point */
+    SJ_ROTARY_NONE = 0x00,              /* linear: as the numbers say */
+    SJ_ROTARY_NEGATIVE = 0x40,
+    SJ_ROTARY_POSITIVE = 0x80,
+    SJ_ROTARY_SHORTEST = 0xC0,
+    SJ_ROTARY_BITS = 0xC0
+};
+
 enum {                                  /* phases of homing */
     SJ_HOMING_IDLE = 0,
     SJ_HOMING_SEARCH = 1,               /* for the switch or the index pulse */
@@ -27,7 +42,8 @@ enum {                                  /* findings of the verdict on the stream
     SJ_FINDING_ACCELERATION = 4,
     SJ_FINDING_VELOCITY = 5,
     SJ_FINDING_JERK = 6,
-    SJ_FINDINGS = 7
+    SJ_FINDING_PERIOD = 7,              /* SYNC does not come in the period of 60C2h */
+    SJ_FINDINGS = 8
 };
 
 /* Config. First the machine, in SI units; then objects, in their own type and unit. */
@@ -68,9 +84,9 @@ typedef struct {
     uint32_t feed;                      /* 6092h:1 */
     uint32_t feed_shaft;                /* 6092h:2 */
     int32_t range_min;                  /* 607Bh:1 */
-    int32_t range_max;                  /* 607Bh:2 */
-    int32_t software_min;               /* 607Dh:1; both 0 = off */
-    int32_t software_max;               /* 607Dh:2 */
+    int32_t range_max;                  /* 607Bh:2; not above sub 1: the range is INT32 */
+    int32_t software_min;               /* 607Dh:1 */
+    int32_t software_max;               /* 607Dh:2; not above sub 1: no limits */
     uint32_t polarity;                  /* 607Eh: bit 7 position, 6 velocity, 5 torque */
     uint32_t following_window;          /* 6065h; FFFFFFFFh = off */
     uint32_t following_time_ms;         /* 6066h */
@@ -97,9 +113,10 @@ typedef struct {
     int32_t fault_option;               /* 605Eh 0..4 */
     int32_t abort_option;               /* 6007h 0..3 */
     int32_t jump_option;                /* SJ_JUMP_... */
-    int32_t positioning_option;         /* 60F2h: relative to 0 the target, 1 demand, 2 actual */
+    int32_t positioning_option;         /* 60F2h: SJ_RELATIVE_..., SJ_ROTARY_... */
     uint32_t sync_extrapolation;        /* missed SYNCs in a row bridged by the last velocity */
     uint32_t sync_error_limit;          /* 10F1h:2: +3 per missed, -1 per good; FFFFh = off */
+    uint32_t software_from_home;        /* 1: 607Dh less 607Ch counts, as the text of CiA 402 has it */
     int32_t home_offset;                /* 607Ch */
     int32_t homing_method;              /* 6098h */
     uint32_t homing_speed_switch;       /* 6099h:1, pu/s */
@@ -110,7 +127,8 @@ typedef struct {
 typedef struct {                        /* a position in increments and in pu at once */
     int64_t increments;                 /* unwrapped */
     int64_t units;                      /* within 607Bh */
-    int64_t remainder;                  /* what the ratio leaves between the two */
+    int64_t travel;                     /* units unwrapped: differences of two points are true ways */
+    int64_t remainder;                  /* what the ratio leaves between increments and units */
 } sj_drive_point;
 
 enum {                                  /* what a drive in mode 1 or 3 wants planned */
@@ -121,9 +139,10 @@ enum {                                  /* what a drive in mode 1 or 3 wants pla
 
 typedef struct {                        /* from the demand at hand; increments and periods */
     int32_t kind;                       /* SJ_REQUEST_... */
-    int32_t pad;
-    double distance;                    /* of a move that ends at rest */
-    double goal;                        /* velocity */
+    int32_t direction;                  /* of a rotary move that may not turn back: 1, -1; 0: either */
+    double distance;                    /* of a move */
+    double turn;                        /* one range of 607Bh */
+    double goal;                        /* velocity; of a move: with which it passes its end, if it can */
     double velocity;                    /* at the start */
     double acceleration;
     sj_limits limits;
@@ -188,8 +207,8 @@ typedef struct {                        /* constants of the servo, made from a c
 typedef struct {                        /* the verdict on the stream of targets */
     uint64_t samples;                   /* targets followed */
     uint64_t missed_syncs;
-    uint64_t first[7];                  /* drive cycle of the first finding of each kind */
-    uint32_t counts[7];                 /* SJ_FINDING_... */
+    uint64_t first[8];                  /* drive cycle of the first finding of each kind */
+    uint32_t counts[8];                 /* SJ_FINDING_... */
     uint32_t following_max;             /* largest |60F4h| while following, pu */
     double velocity_max_rev_s;          /* largest seen, rounding of the targets subtracted */
     double acceleration_max_rev_s2;
@@ -203,8 +222,10 @@ typedef struct {                        /* the verdict on the stream of targets 
 typedef struct {                        /* positions in two units, made from a config */
     int64_t units;                      /* pu per `increments` */
     int64_t increments;                 /* per `units`, reduced */
+    int64_t range_min;                  /* pu, where the range of 607Bh begins */
     int64_t range;                      /* pu in one wrap of 607Bh */
     int64_t jump_limit;                 /* pu per period */
+    double speed_limit;                 /* increments per period, of 6080h or 607Fh */
 } sj_drive_scale;
 
 typedef struct {                        /* where the axis is to be, at the end of the period */
@@ -215,6 +236,12 @@ typedef struct {                        /* where the axis is to be, at the end o
     double torque_nm;                   /* CST */
 } sj_drive_demand;
 
+typedef struct {                        /* a set-point of mode 1 */
+    int64_t travel;                     /* where it is, as in sj_drive_point */
+    int32_t direction;                  /* of the motor, for which 60F2h asks; 0: either */
+    int32_t limited;                    /* held at 607Dh */
+} sj_drive_set_point;
+
 typedef struct {                        /* of modes 1 and 3 */
     sj_drive_request request;
     sj_plan plan;                       /* being executed */
@@ -222,10 +249,13 @@ typedef struct {                        /* of modes 1 and 3 */
     int32_t plan_phase;                 /* -1: none */
     int32_t kind;                       /* a goal exists: 1 position, 2 velocity */
     int32_t waits;                      /* a second set-point until the first is reached */
+    int32_t passes;                     /* the first is passed and not stopped at */
     int32_t acknowledged;               /* statusword bit 12 of mode 1 */
-    int64_t units;                      /* 607Ah of the set-point, within 607Bh */
-    int64_t waiting_units;              /* of the second one */
-    double velocity;                    /* increments per period */
+    int32_t through;                    /* the plan does so */
+    int32_t fresh;                      /* a plan is to be asked for */
+    sj_drive_set_point now;             /* of mode 1 */
+    sj_drive_set_point next;            /* that waits */
+    double velocity;                    /* increments per period, of mode 3 */
 } sj_drive_goal;
 
 typedef struct {
@@ -267,6 +297,7 @@ typedef struct {
     int32_t fault;                      /* SJ_FAULT_... that led to the present reaction */
     int32_t follows;
     int32_t limited;                    /* statusword bit 11 of this cycle */
+    int32_t stop;                       /* 605Ah..605Eh, 1..4, of a stop that has begun; 0: none */
     int32_t resync;                     /* adopt the actual position before following again */
     int32_t warning;                    /* statusword bit 7 */
     int32_t local;                      /* 1: the controlword is not obeyed */
@@ -297,6 +328,8 @@ void sj_drive_cycle_planned(sj_drive *drive, const sj_drive_rx *rx, sj_drive_tx 
 void sj_drive_inject(sj_drive *drive, int32_t fault, int32_t present);
 
 void sj_verdict_clear(sj_drive_verdict *verdict);
+/* SYNC was seen to come in this period: a warning and a finding where it is not that of 60C2h. */
+void sj_verdict_period(sj_drive *drive, double seen_s);
 
 /* For C only. */
 

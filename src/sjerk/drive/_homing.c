@@ -125,7 +125,7 @@ void sj_homing_period(sj_drive *drive, sj_servo_command *command)
     const double period = drive->config.period_s;
     const double ramp = in_increments(drive, drive->config.homing_acceleration) * period * period;
     const uint16_t word = drive->controlword;
-    const uint32_t inputs = sj_motion_inputs(drive);
+    const uint32_t inputs = sj_limit_inputs(drive);
     double velocity = 0.0;
 
     command->velocity_offset_rad_s = 0.0;

@@ -52,6 +52,12 @@ uint16_t sj_master_controlword(uint16_t statusword, int32_t enable, int32_t rese
     return SHUTDOWN;
 }
 
+int32_t sj_master_bridging(const sj_drive_tx *tx)
+{
+    return sj_master_enabled(tx->statusword) && (tx->statusword & SJ_SW_LIMIT) == 0 &&
+           (tx->mode_display == SJ_MODE_CSP || tx->mode_display == SJ_MODE_NONE);
+}
+
 int32_t sj_master_stopping(uint16_t statusword)
 {
     return is_in(statusword, SJ_STATE_QUICK_STOP);

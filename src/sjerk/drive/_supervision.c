@@ -87,7 +87,7 @@ void sj_supervise_following(sj_drive *drive, const sj_servo_command *command)
                            command->control == SJ_SERVO_POSITION;
 
     if (supervised && drive->follows && size > drive->verdict.following_max) {
-        drive->verdict.following_max = (uint32_t)size;
+        drive->verdict.following_max = size < UINT32_MAX ? (uint32_t)size : UINT32_MAX;
     }
     if (!supervised || config->following_window == UINT32_MAX || size <= config->following_window) {
         drive->counts.following = 0;

@@ -11,6 +11,8 @@
 #include <stdint.h> /* fixed widths */
 #include "drive/_internal.h" /* what the files of the drive share */
 
+static const double PERIOD_TOLERANCE = 0.25; /* of 60C2h: masters of no real time are late */
+
 static double magnitude(double value)
 {
     return value < 0.0 ? -value : value;
@@ -51,6 +53,16 @@ static void note(sj_drive *drive, int32_t finding)
         verdict->counts[finding]++;
     }
     verdict->last_finding = finding;
+}
+
+void sj_verdict_period(sj_drive *drive, double seen_s)
+{
+    const double off = magnitude(seen_s - drive->config.period_s);
+
+    if (off > PERIOD_TOLERANCE * drive->config.period_s) {
+        note(drive, SJ_FINDING_PERIOD);
+        drive->warning = 1;
+    }
 }
 
 void sj_verdict_judge(sj_drive *drive, int64_t raw_step)

@@ -26,7 +26,8 @@ enum {                                  /* controlword 6040h */
     SJ_CW_MODE_5 = 0x0020,
     SJ_CW_MODE_6 = 0x0040,
     SJ_CW_FAULT_RESET = 0x0080,         /* acts on its rising edge */
-    SJ_CW_HALT = 0x0100
+    SJ_CW_HALT = 0x0100,
+    SJ_CW_MODE_9 = 0x0200               /* mode 1: change on set-point */
 };
 
 enum {                                  /* statusword 6041h */
@@ -135,4 +136,5 @@ int32_t sj_master_fault(uint16_t statusword);                   /* FAULT or its 
 int32_t sj_master_lost(uint16_t error_code);                    /* 603Fh: link or SYNC lost */
 int32_t sj_master_stopping(uint16_t statusword);                /* QUICK STOP ACTIVE */
 int32_t sj_master_follows_position(const sj_drive_tx *tx);      /* enabled and following, bit 12; CSP */
+int32_t sj_master_bridging(const sj_drive_tx *tx);      /* CSP, enabled; no limit keeps it from following */
 int32_t sj_master_homing(const sj_drive_tx *tx);                /* mode 6: 1 attained, -1 error, 0 */

@@ -1,8 +1,9 @@
-"""A goal stream in a kernel: what it hands out is played, each piece with a stop behind it.
+"""A goal stream in a kernel: what it hands out is played, the plan to rest behind it.
 
 ``StreamPlayer`` takes goals as they come and keeps the kernel's path a little ahead of the motion.
-Behind every piece lies the brake to rest, replaced by the next piece in time; so the kernel always
-knows how to stop, whatever becomes of the host. Never here: planning, shared memory.
+Behind every piece lies the rest of its plan, which ends at rest, replaced by the next piece in
+time; so the kernel always knows how to stop, whatever becomes of the host. Never here: planning,
+shared memory.
 """
 
 from __future__ import annotations
@@ -19,9 +20,9 @@ from sjerk.errors import InputError, SjerkError, positive
 from sjerk.host import Host, Path, PathState
 from sjerk.host.arguments import joint_axes
 from sjerk.profile import Limits
-from sjerk.trajectory.joining import brake
-from sjerk.trajectory.segments import Followed, Knot
-from sjerk.trajectory.streaming import GoalStream, StreamReport
+from sjerk.trajectory.segments import Followed
+from sjerk.trajectory.stream_report import StreamReport
+from sjerk.trajectory.streaming import SMOOTHING, GoalStream
 
 
 class StreamPlayer:
@@ -30,7 +31,8 @@ class StreamPlayer:
     ``axes``: one per joint, else all, which must be at rest. ``ahead`` (s): how long before it is
     due a piece is planned and sent; it is added to the delay as a margin. With a kernel in a
     process a thread feeds it; in a caller's own loop ``update`` must be called every few cycles.
-    Where a piece comes too late the motion stops, is told as starved, and goes on from rest.
+    Where it is held up the motion follows its plan, which ends at rest, and is planned on from
+    where it is then. Time is the clock's: cycles that the kernel leaves out are a lag, and made up.
     """
 
     def __init__(
@@ -41,6 +43,7 @@ class StreamPlayer:
         delay: int = 4,
         ahead: float = 0.05,
         stop_within: bool = False,
+        smoothing: float = SMOOTHING,
         axes: Sequence[int] | None = None,
     ) -> None:
         """Raises InputError."""
@@ -56,13 +59,15 @@ class StreamPlayer:
             delay=delay,
             margin=2.0 * positive("ahead", ahead),
             stop_within=stop_within,
+            smoothing=smoothing,
         )
         self._ahead = max(2, round(ahead / self._T))
         self._path: Path | None = None
         self._ends: list[int] = []  # stream's cycles at the way-points of the path, from its first
         self._begin = 0  # the stream's cycle at which the path begins
-        self._firm = 0  # way-points of the path before the brake
+        self._firm = 0  # way-points of the path before the plan to rest
         self._idle_since = (frame.cycle, 0)
+        self._late = frame.timing.late  # cycles that the kernel has left out
         self._replaced: Path | None = None
         self._lost = False
         self._lock = threading.RLock()
@@ -87,11 +92,13 @@ class StreamPlayer:
 
     # ---- goals
 
-    def push(self, position: ArrayLike, time: float | None = None) -> None:
+    def push(
+        self, position: ArrayLike, time: float | None = None, *, velocity: ArrayLike | None = None
+    ) -> None:
         """Take a goal, as ``GoalStream.push`` does; raises that, and what ended the motion."""
         self._check()
         with self._lock:
-            self._stream.push(position, time)
+            self._stream.push(position, time, velocity=velocity)
 
     def end(self) -> None:
         """No goal comes any more: the motion ends at rest on the last one."""
@@ -137,7 +144,10 @@ class StreamPlayer:
         """Look once: plan and send what is due. Raises what ended the motion."""
         with self._lock:
             frame = self._host.feedback()
-            cycle = frame.cycle
+            cycle, late = frame.cycle, frame.timing.late
+            if late != self._late:
+                self._stream.skipped(late - self._late)
+                self._late = late
             if self._path is not None and self._path.state is PathState.REFUSED and self._replaced:
                 self._lose()
             if self._lost:
@@ -152,11 +162,8 @@ class StreamPlayer:
             if self._path is not None and self._path.state.ended:
                 if self._path.state is not PathState.DONE:
                     self._path.check()
-                played = self._begin + (self._ends[-1] if self._ends else 0)
+                self._stream.keep(self._begin + self._ends[-1])
                 self._path = None
-                if len(self._ends) > self._firm:  # the brake was played
-                    here = [frame.axes[i].position for i in self._axes]
-                    self._stream.rested(here, played)
                 self._idle_since = (cycle, self._stream.cycle)
             if self._path is None:
                 self._from_rest(cycle)
@@ -189,21 +196,23 @@ class StreamPlayer:
             blocks += self._stream.take(enough)
         self._begin, self._ends = blocks[0].first_cycle, []
         self._replaced = None
-        self._path = self._host.follow(self._with_brake(blocks, 0), axes=self._axes)
+        self._path = self._host.follow(self._with_rest(blocks, 0), axes=self._axes)
 
     def _go_on(self) -> None:
-        """Replace the brake by the next piece and another brake."""
+        """Replace the plan to rest by the next piece and another such plan."""
         assert self._path is not None
-        made = self._stream.take(
-            max(self._stream.cycle, self._played() + self._ahead) + self._ahead
-        )
-        if not made or not self._moves(made[0]):
+        until = self._played() + self._ahead
+        self._firm += self._stream.keep(until - self._ahead // 2)
+        if self._firm == len(self._ends):  # it comes to rest
+            return
+        made = self._stream.take(max(self._stream.cycle, until) + 1)
+        if not made:
             return
         self._ends = self._ends[: self._firm]
         at = self._firm + 1
         before = self._path
         try:
-            self._path = before.splice(self._with_brake(made, self._firm), at)
+            self._path = before.splice(self._with_rest(made, self._firm), at)
             self._replaced = before
         except InputError:
             self._replaced = before
@@ -220,15 +229,12 @@ class StreamPlayer:
     def _moves(self, block: Followed) -> bool:
         return bool(block.jerk.any())
 
-    def _with_brake(self, blocks: list[Followed], first: int) -> list[Followed]:
-        """Numbered from way-point ``first`` of the path on; the brake behind, if it moves."""
-        knot = Knot.of(blocks[-1])
+    def _with_rest(self, blocks: list[Followed], first: int) -> list[Followed]:
+        """Numbered from way-point ``first`` of the path on; the plan to rest behind."""
         self._firm = first + sum(len(block) for block in blocks)
-        if knot.moving:
-            blocks = [*blocks, brake(knot, self._limits, self._T)]
         found = []
         cycle = self._ends[-1] if self._ends else 0
-        for block in blocks:
+        for block in [*blocks, *self._stream.remainder()]:
             found.append(replace(block, first=first, first_cycle=cycle))
             for cycles in block.cycles.tolist():
                 cycle += int(cycles)

@@ -182,7 +182,10 @@ class Chunk:
 
 
 class Trace:
-    """A reader of the trace of one kernel, from the oldest item that is still kept."""
+    """A reader of the trace of one kernel, from the oldest items that are kept.
+
+    Of a full trace the oldest eighth is left out: the kernel may overwrite it before it is read.
+    """
 
     def __init__(self, segment: Segment, axes: int, text: bytes) -> None:
         """Not for callers: ``attach`` or ``of``."""
@@ -193,11 +196,12 @@ class Trace:
         self._room = max(64, 2**22 // self._bytes)
         self._buffer = np.empty((self._room, self._bytes), np.uint8)
         self._into = ffi.from_buffer("char[]", self._buffer)
-        self._cursor = ffi.new("uint64_t *", 0)
+        kept = segment.layout.event_capacity * 7 // 8
+        oldest = max(0, int(lib.sj_event_latest(segment.base)) - kept)
+        self._cursor = ffi.new("uint64_t *", oldest)
         self._missed = ffi.new("uint64_t *", 0)
         self._rest = np.empty((0, self._bytes), np.uint8)
         self._lost = 0
-        self._begun = False
 
     @classmethod
     def attach(cls, name: str, *, any_owner: bool = False) -> Self:
@@ -242,8 +246,7 @@ class Trace:
                 self.segment.base, self._cursor, self._missed, self._room, self._into
             )
         )
-        lost = int(self._missed[0] - before) if self._begun else 0
-        self._begun = self._begun or found > 0
+        lost = int(self._missed[0] - before)
         if found == 0:
             return None
         # a loss lies before the last item that was drained

@@ -23,7 +23,7 @@
    keep the smaller jerk, which is legal everywhere.
 
    Never here: anything but a given duration; the search for one is sj_convex_from alone. */
-#include "_plan.h"
+#include "planner/_internal.h"
 
 static double path_at(const path *x, int *i, double k)
 {

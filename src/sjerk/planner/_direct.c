@@ -10,7 +10,7 @@
 
    Never here: a duration that is given (_duration.c), what is left to do where all this fails
    (_fallback.c), cycle time. */
-#include "_plan.h"
+#include "planner/_internal.h"
 
 /* ---- braking that is eased first: four phases ---- */
 

@@ -10,7 +10,7 @@
    look again, SYNC_ROUNDS times at most.
 
    Never here: the shortest plan (_plan.c), memory, clocks, statics, cycle time. */
-#include "_plan.h"
+#include "planner/_internal.h"
 
 /* ---- one axis ---- */
 

@@ -4,7 +4,7 @@
    falling line in two. Its mirror image gets least far.
 
    Never here: two jerks (_sides.c), a distance to be met. */
-#include "_plan.h"
+#include "planner/_internal.h"
 
 /* Acceleration at node k of the path that gets furthest in n cycles: as high as possible, then as
    low as possible; with a cruise between s (from the start) and r (cycles before the end). */

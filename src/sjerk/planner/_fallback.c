@@ -5,7 +5,7 @@
    Each asks for a simpler task once (sj_move_direct), so there is no recursion.
 
    Never here: the choice of when they are needed (_plan.c). */
-#include "_plan.h"
+#include "planner/_internal.h"
 
 /* Stop, rest to rest, wait if the plan is to last `duration` cycles, run-up: what always
    exists. */

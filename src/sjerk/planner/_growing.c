@@ -5,7 +5,7 @@
        A += n j,   V += n A + n^2 j / 2,   P += n V + n^2 A / 2 + n^3 j / 6.
 
    Never here: where it shall lead. */
-#include "_plan.h"
+#include "planner/_internal.h"
 #include "base/_double_double.h" /* double-double sums */
 
 /* ---- the plan ---- */

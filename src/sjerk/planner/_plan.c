@@ -8,7 +8,7 @@
 
    Never here: a duration that is given (_duration.c), how a method works, memory, clocks, statics,
    input or output, cycle time. */
-#include "_plan.h"
+#include "planner/_internal.h"
 
 static int move(const task *start, sj_plan *p)
 {

@@ -9,7 +9,7 @@
    9-13) fit the same m, they are used.
 
    Never here: a distance to be met, a choice between methods. */
-#include "_plan.h"
+#include "planner/_internal.h"
 
 /* Velocity change of the ramp of m cycles with level `l`: from a0 at full jerk to l, held, at full
    jerk to zero. The sum of the nodes,

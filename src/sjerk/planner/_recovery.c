@@ -13,7 +13,7 @@
    Only phases are laid down here; a cycle that crosses zero has the smaller of two jerks.
 
    Never here: a distance to be met, a target. */
-#include "_plan.h"
+#include "planner/_internal.h"
 
 /* Crossings of zero one after another. More than one are needed only where a cycle of acceleration is
    more than the velocity limit twice over; and each takes such a start nearly six times farther from

@@ -12,7 +12,7 @@
    Work is bounded: NEWTON_STEPS per root, DURATION_STEPS cycles taken away.
 
    Never here: a choice between methods. */
-#include "_plan.h"
+#include "planner/_internal.h"
 
 /* ---- in continuous time ---- */
 

@@ -5,7 +5,7 @@
    jerks.
 
    Never here: a distance to be met. */
-#include "_plan.h"
+#include "planner/_internal.h"
 
 /* One side of zero: from a0 >= 0 as high as possible, then down to zero at the real number s of
    cycles, and zero at the next node. Its nodes are laid from cycle `at` forward (step 1) or

@@ -5,7 +5,7 @@
    of v1, v0, a0, the first that is not zero.
 
    Never here: how it is done. */
-#include "_plan.h"
+#include "planner/_internal.h"
 
 int sj_valid(double h, double v0, double a0, double v1, const sj_limits *l)
 {

@@ -4,7 +4,7 @@
    sign on a node or not at all; then it is a ramp (_ramp.c).
 
    Never here: a distance to be met. */
-#include "_plan.h"
+#include "planner/_internal.h"
 
 /* Fastest ramp to (v, 0) from a start whose acceleration can end on a node within the limits, put
    into the plan. */

@@ -4,7 +4,8 @@ from sjerk.trajectory.faults import FaultKind, RecordedPathError, TrajectoryErro
 from sjerk.trajectory.files import RecordedPath, read_recording, shipped_recording
 from sjerk.trajectory.following import follow
 from sjerk.trajectory.segments import Followed, Segment
-from sjerk.trajectory.streaming import GoalStream, StreamReport
+from sjerk.trajectory.stream_report import StreamReport
+from sjerk.trajectory.streaming import GoalStream
 from sjerk.trajectory.thinning import Thinned, follow_within
 from sjerk.trajectory.trajectory import ExecutionMode, Trajectory, resample
 from sjerk.trajectory.untimed import follow_path, follow_stops

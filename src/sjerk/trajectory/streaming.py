@@ -1,103 +1,73 @@
 """Streamed goals with look-ahead: goals come one by one, the motion goes through them.
 
 Commanding each goal as it comes makes it interrupt the one before. ``GoalStream`` runs a delay
-behind its goals instead and plans through all that are known, anew with each that comes. It hands
-out segments as ``follow`` does. ``docs/explanation/trajectories.md`` has the method. A pure
-library: cycles are told, not read from a clock. Never here: shared memory, drives.
+behind its goals instead and plans through all that are known, anew with each knot, as control
+points of a spline that ends at rest. It hands out segments as ``follow`` does.
+``docs/explanation/trajectories.md`` has the method. A pure library: cycles are told, not read from
+a clock. Never here: shared memory, drives.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import NamedTuple
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from sjerk.errors import InputError, positive, real
 from sjerk.profile import FloatArray, Limits
-from sjerk.trajectory.following import Trial, Window, limits_per_cycle
-from sjerk.trajectory.joining import brake, join
-from sjerk.trajectory.pacing import CATCH_UP, SPACING, excess, rates, slowing, thinned
-from sjerk.trajectory.segments import Followed, IntArray, Knot, dwell, rows, split
+from sjerk.trajectory.horizon import Aims, Horizon, Mode, Plan, numbered
+from sjerk.trajectory.joining import both
+from sjerk.trajectory.known import Known, Turns, row_of
+from sjerk.trajectory.segments import Followed
+from sjerk.trajectory.stream_report import Ledger, StreamReport
 
-#: Goals that a plan looks at; those behind are looked at later.
-LOOKAHEAD = 256
 #: Periods that a goal's time may lie beyond what is known: more is another clock.
 FURTHEST = 100
-#: Shares of a goal's velocity to be had there on the way back to a path.
-_SHARES = (1.0, 0.8, 0.4, 0.0)
+#: Longest delay, in periods.
+_LONGEST = 10_000
+#: Knots in the time of a stop from full velocity.
+KNOTS = 12
+#: How far ahead goals are looked at, in stops.
+_AHEAD = 3.0
+#: Goals closer to a turn than this share of what a knot covers at full velocity are no turn.
+RESOLUTION = 1e-4
+#: Goals met closer than this, in knots at full velocity, need no common progress.
+_CLOSE = 1e-2
+#: Up to so many knots ahead; further ones may be further off.
+_NEAR = 2.0
+#: A goal counts as denser than knots down to this share of one.
+_DENSE = 1e-3
+#: Of the way a source needs to stop, by differences of its goals.
+_SURE = 0.98
+#: Differences of control points below this share of a knot's way at full velocity are none.
+_STILL = 1e-9
+#: Weight of jerk against distance from the goals.
+SMOOTHING = 0.1
+#: Iterations of the solver in one solution.
+ITERATIONS = 40
 _CYCLES = 2**50
-_KEPT = 1.0 + 1e-10
-
-
-@dataclass(frozen=True, eq=False)
-class StreamReport:
-    """What has become of the goals, by what was handed out.
-
-    ``goals`` given; ``met`` at their exact position; ``missed``: passed at a distance, the largest
-    of which is ``deviation`` (N,). ``lag``, ``largest_lag`` (s): behind time plus delay at the last
-    goal met, and at most. ``starved``: how often the goals ran out in motion; ``starving``: now;
-    ``beyond`` (N,): how far past the last goal that led at most.
-    """
-
-    goals: int
-    met: int
-    missed: int
-    deviation: FloatArray
-    lag: float
-    largest_lag: float
-    starved: int
-    starving: bool
-    beyond: FloatArray
-
-
-class _Goal(NamedTuple):
-    """``time`` (s) in the stream's own clock; ``cycle`` in which it is due."""
-
-    position: FloatArray
-    time: float
-    cycle: int
-
-
-class _Unit(NamedTuple):
-    """A piece of a plan: the ``goals`` it disposes of, the last of them met if ``meets``.
-
-    ``loose``: it can be left at any cycle when something better is known.
-    """
-
-    motion: Followed
-    goals: int
-    meets: bool
-    loose: bool
-
-
-class _Choice(NamedTuple):
-    """A plan that could be: its ``goals`` are met, ``skipped`` before the first of them are not."""
-
-    cost: float
-    made: Followed
-    goals: list[_Goal]
-    skipped: int
 
 
 class GoalStream:
-    """Goals of N joints at 10 to 500 Hz, followed a delay behind.
+    """Goals of N joints, 2 Hz to the control rate, followed a delay behind.
 
     ``limits``: one per joint; ``start`` (N,): where the joints rest. ``period`` (s): time between
     goals, unless they have times of their own. ``delay``: the motion passes a goal so many periods
     after the first one's arrival and its time; ``margin`` (s) is added to it, for goals that come
     late and for handing over.
 
-    A stream is trusted to go on: the last goal known is passed with the stream's velocity. Where
-    goals run out the joints brake at once, each at most its stopping distance beyond the last goal,
-    and ``report`` says so. With ``stop_within`` what is handed out can always end at rest on the
-    last goal known, without another; where the delay is shorter than a stop the velocity dips.
+    A stream is trusted to keep its limits: the plan may rest beyond the last goal known by what the
+    source itself still needs to stop. With ``stop_within`` it always ends at rest at the last goal
+    known, without another; where the delay is shorter than a stop the velocity dips.
 
-    Goals are met at their exact position and, where the limits allow, in their cycle; else later:
-    the ``lag`` is made up by at most a tenth of each period. Goals that cannot be met from a motion
-    that trusted others are passed at a distance (``missed``).
+    Goals that lie further on never make the motion go back. Those that limits do not allow in time
+    are passed later, all joints together; the lag is made up as fast as the limits allow.
+    ``smoothing`` is the weight of jerk against distance from the goals: small (1e-4) for exact
+    goals, the default for goals with noise. With ``exact`` goals that are not denser than knots are
+    met to rounding where the limits allow it.
 
     >>> stream = GoalStream([Limits(2.0, 4.0, 500.0)], 1e-3, [0.0], period=0.1)
     >>> blocks = []
@@ -121,15 +91,24 @@ class GoalStream:
         delay: int = 4,
         margin: float = 0.0,
         stop_within: bool = False,
+        smoothing: float = SMOOTHING,
+        exact: bool = False,
+        knots: int = KNOTS,
+        iterations: int = ITERATIONS,
         joint_names: Sequence[str] | None = None,
     ) -> None:
         """Raises InputError."""
         self._T = positive("cycle_time", cycle_time)
         self._period = positive("period", period)
-        if self._period < 2.0 * self._T * (1 - 1e-9):
-            raise InputError("period", period, f"must be at least two cycles of {self._T!r} s")
-        if isinstance(delay, bool) or not isinstance(delay, int) or not 1 <= delay <= LOOKAHEAD:
-            raise InputError("delay", delay, f"must be an int in 1 .. {LOOKAHEAD}")
+        if self._period < self._T * (1 - 1e-9):
+            raise InputError("period", period, f"must be at least a cycle of {self._T!r} s")
+        for name, value, least, most in (
+            ("delay", delay, 1, _LONGEST),
+            ("knots", knots, 6, 48),
+            ("iterations", iterations, 3, 200),
+        ):
+            if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
+                raise InputError(name, value, f"must be an int in {least} .. {most}")
         if real("margin", margin) < 0.0:
             raise InputError("margin", margin, "must not be negative")
         if isinstance(limits, Limits) or not all(isinstance(limit, Limits) for limit in limits):
@@ -139,79 +118,106 @@ class GoalStream:
         self._names = tuple(joint_names or (f"joint{k}" for k in range(n)))
         if len(self._names) != n:
             raise InputError("joint_names", self._names, f"must be one per joint: {n}")
-        self._table = limits_per_cycle(self._limits, self._T)
         self._behind = self._cycles(delay * self._period + margin)
-        self._within = bool(stop_within)
-        self._knot = Knot.rest(self._row("start", start))
-        self._last = _Goal(self._knot.position, 0.0, 0)
-        self._trail = [self._last] * 3  # the last goals given
-        self._known: list[_Goal] = []
-        self._units: list[_Unit] = []
-        self._pace = 1.0  # goal periods passed in the time of one
-        self._held: IntArray = np.empty(0, dtype=np.int64)  # cycles of the plan before, to a stop
-        self._stale = self._ended = self._timed = False
-        self._cycle = self._knots = self._begin = 0
-        self._goals = self._met = self._missed = self._starved = 0
-        self._lag = self._worst = 0
-        self._starving = False
-        self._beyond, self._deviation = np.zeros(n), np.zeros(n)
+        self._within, self._exact = bool(stop_within), bool(exact)
+        own = [both(limit) for limit in self._limits]
+        stop = max(x.velocity / x.acceleration + x.acceleration / x.jerk for x in own)
+        self._m = max(2, round(stop / knots / self._T))
+        self._tail = math.ceil(stop / self._T / self._m) + 3
+        self._most = math.ceil(_AHEAD * stop / self._T / self._m)
+        at = self._row("start", start)
+        self._horizon = Horizon(
+            self._limits,
+            self._T,
+            self._m,
+            at,
+            smoothing=positive("smoothing", smoothing),
+            iterations=iterations,
+        )
+        self._per_cycle = np.array(
+            [[x.velocity * self._T, x.acceleration * self._T**2, x.jerk * self._T**3] for x in own]
+        )
+        self._ranges = np.array(
+            [(-np.inf, np.inf) if x.position is None else x.position for x in self._limits]
+        )
+        self._known = Known(at, 0, 0.0)
+        self._first = True  # no goal was timed yet since the start or a rest elsewhere
+        self._ended = False
+        self._arriving = 0  # knots of a plan that ends on the last goal
+        self._cycle = self._segments = self._begin = 0
+        self._noise = np.zeros(n)
+        self._told = Ledger(n)
+        self._turns = Turns(at, RESOLUTION * self._horizon.velocity)
 
     # ---- what comes in
 
-    def push(self, position: ArrayLike, time: float | None = None) -> None:
+    def push(
+        self, position: ArrayLike, time: float | None = None, *, velocity: ArrayLike | None = None
+    ) -> None:
         """Take a goal: ``position`` (N,), ``time`` (s) after the goal before's, else a period.
 
-        The first one that comes at rest is due the delay after the cycle handed out so far, the
-        others by their times after it. Raises InputError: not finite, outside the position limits,
-        times that do not increase, or lie more than ``FURTHEST`` periods beyond the newest goal
-        and what was handed out; a stream that was ended.
+        The first one is due the delay after the cycle handed out so far, the others by their times
+        after it; one without a time that comes at rest, when no goal is ahead, is timed anew.
+        ``velocity`` (N,) is what the goal moves with, if that is known. Raises InputError: not
+        finite, outside the position limits, times that do not increase, or lie more than
+        ``FURTHEST`` periods beyond the newest goal and what was handed out; an ended stream.
         """
         if self._ended:
             raise InputError("position", position, "the stream was ended")
         goal = self._row("position", position)
+        speed = None if velocity is None else self._row("velocity", velocity)
         for name, limit, x in zip(self._names, self._limits, goal.tolist(), strict=True):
             if limit.position is not None and not limit.position[0] <= x <= limit.position[1]:
                 raise InputError(f"position of {name}", x, f"must lie in {limit.position}")
-        at = self._last.time + self._period if time is None else real("time", time)
-        if self._goals and not at > self._last.time:
-            raise InputError("time", time, f"must be after {self._last.time}")
-        idle = max(self._cycle + self._behind - self._last.cycle, 0) * self._T
-        most = self._last.time + idle + FURTHEST * self._period
-        if self._timed and at > most * (1.0 + 1e-12):
+        known = self._known
+        at = known.time + self._period if time is None else real("time", time)
+        if self._told.goals and not at > known.time:
+            raise InputError("time", time, f"must be after {known.time}")
+        idle = max(self._cycle + self._behind - known.last_cycle, 0) * self._T
+        most = known.time + idle + FURTHEST * self._period
+        if not self._first and at > most * (1.0 + 1e-12):
             raise InputError("time", time, f"must be at most {most!r}: {FURTHEST} periods ahead")
-        if not self._timed:
-            self._timed = True
-            due = self._cycle + self._behind
-            self._begin = due - self._cycles(self._period)
+        if self._first or (time is None and self._waiting()):
+            self._first = False
+            due = float(self._cycle + self._behind)
+            self._begin = round(due) - self._cycles(self._period)
+            self._known = Known(self._horizon.knot.position, self._begin, at)
+            self._horizon.progress = np.zeros(1)
         else:
-            due = max(self._last.cycle + self._cycles(at - self._last.time), self._last.cycle + 2)
-        self._last = _Goal(goal, at, due)
-        self._trail = [*self._trail[1:], self._last]
-        self._known.append(self._last)
-        self._goals += 1
-        self._stale = True
+            due = known.last_cycle + (at - known.time) / self._T
+            due = round(due) if abs(due - round(due)) < 1e-6 else due
+        self._known.add(goal, due, at, speed)
+        self._told.goals += 1
+        self._arriving = 0
+        self._turns.add(goal)
 
     def end(self) -> None:
         """No goal comes any more: the motion ends at rest on the last one."""
-        self._ended = self._stale = True
+        self._ended = True
 
     def rested(self, position: ArrayLike, cycle: int) -> None:
         """Go on from rest elsewhere, in ``cycle``: what was handed out was not played to its end.
 
-        Counts as starved; the next goal is timed anew. Raises InputError.
+        Counts as starved; the goals ahead are timed anew. Raises InputError.
         """
-        self._knot = Knot.rest(self._row("position", position))
+        at, known = self._row("position", position), self._known
+        self._look()
+        self._horizon.rest(at)
         self._cycle = max(self._cycle, cycle)
-        self._units, self._held = [], np.empty(0, dtype=np.int64)
-        self._stale, self._starving, self._lag, self._pace = True, True, 0, 1.0
-        self._starved += 1
-        late = self._cycle + self._behind - (self._known[0].cycle if self._known else 0)
-        self._timed = bool(self._known)
-        self._known = [goal._replace(cycle=goal.cycle + late) for goal in self._known]
-        if self._known:
-            self._last = self._known[-1]
-            self._trail[-1] = self._last
-        self._begin = self._cycle
+        self._told.starve(True)
+        self._arriving, self._begin = 0, self._cycle
+        self._first = known.first == len(known)
+        known.position[known.first - 1] = at
+        if not self._first:
+            known.move(self._cycle + self._behind - float(known.cycle[known.first]))
+
+    def skipped(self, cycles: int) -> None:
+        """So many cycles of the clock were left out: goals are due as much earlier."""
+        self._known.move(-cycles)
+        if self._horizon.resting:
+            self._begin -= cycles
+        else:
+            self._horizon.progress = self._horizon.progress - cycles / self._m
 
     # ---- what goes out
 
@@ -223,348 +229,270 @@ class GoalStream:
     @property
     def done(self) -> bool:
         """Whether the stream was ended and what was handed out rests on its last goal."""
-        return self._ended and not self._known and not self._knot.moving and self._on_last()
+        return (
+            self._ended
+            and self._horizon.resting
+            and not self._horizon.knot.moving
+            and self._on_last()
+        )
 
     @property
     def report(self) -> StreamReport:
         """What has become of the goals so far."""
-        return StreamReport(
-            self._goals,
-            self._met,
-            self._missed,
-            self._deviation.copy(),
-            self._lag * self._T,
-            self._worst * self._T,
-            self._starved,
-            self._starving,
-            self._beyond.copy(),
-        )
+        return self._told.report(self._turns.more())
 
     def take(self, cycle: int) -> list[Followed]:
-        """Hand out the motion up to ``cycle`` of the stream, or to the next goal behind it.
+        """Hand out the motion up to ``cycle`` of the stream, or to the next knot behind it.
 
-        What was handed out stands; the rest is planned anew when a goal comes. Call it as late as
-        the motion must be known: the later, the more goals are. A rest without goals is one
-        segment, however long. Raises InputError.
+        What was handed out stands; the rest is planned anew with each knot. Call it as late as the
+        motion must be known: the later, the more goals are. A rest without goals is one segment,
+        however long. Raises InputError.
         """
         if isinstance(cycle, bool) or not isinstance(cycle, int) or cycle > _CYCLES:
             raise InputError("cycle", cycle, f"must be an int, at most {_CYCLES}")
         found = []
         while self._cycle < cycle and not self.done:
-            if self._stale or not self._units:
-                self._units, self._stale = self._plan(cycle), False
-            unit = self._units.pop(0)
-            length, room = int(unit.motion.cycles.sum()), cycle - self._cycle
-            if unit.loose and length > room:
-                head, tail = split(unit.motion, room)
-                self._units.insert(0, unit._replace(motion=tail))
-                unit = _Unit(head, 0, False, True)
-            found.append(self._hand_out(unit))
+            made = self._next(cycle)
+            found.append(numbered(made, self._names, self._segments, self._cycle))
+            self._cycle += int(made.cycles.sum())
+            self._segments += len(made)
         return found
 
-    # ---- the plan
+    def keep(self, cycle: int) -> int:
+        """Hand out the plan as it is, up to ``cycle`` or to its rest: what ``remainder`` told.
 
-    def _plan(self, cycle: int) -> list[_Unit]:
-        """From the present knot on: through the known goals, or else up to ``cycle``."""
-        if not self._known:
-            return [_Unit(self._without_goals(cycle), 0, False, True)]
-        left = self._begin - self._cycle
-        if left > 0:
-            return [_Unit(dwell(self._knot.position, left, self._T), 0, False, True)]
-        goals = self._known[:LOOKAHEAD]
-        if self._within or (self._ended and len(goals) == len(self._known)):
-            return self._stopping(goals)
-        return self._going_on(goals) or self._rejoining(goals) or self._slowly(goals)
-
-    def _without_goals(self, cycle: int) -> Followed:
-        """Brake, go back to the last goal of a stream that was ended, or rest."""
-        if self._knot.moving:
-            if not self._starving:
-                self._starving = True
-                self._starved += 1
-            return brake(self._knot, self._limits, self._T)
-        if self._ended and not self._on_last():
-            return join(self._knot, self._last.position, self._limits, self._T)
-        if self._starving:
-            self._timed, self._lag, self._pace = False, 0, 1.0
-        cycles = max(2, self._cycles(self._period), cycle - self._cycle)
-        return dwell(self._knot.position, cycles, self._T)
-
-    def _asked(self, goals: Sequence[_Goal]) -> IntArray:
-        """Cycles to each goal: in its cycle, or later where lag is to be made up."""
-        at, before, asked = self._cycle, self._from(), []
-        for goal in goals:
-            period = goal.cycle - before
-            least = max(2, round(period * (1.0 - CATCH_UP)))
-            asked.append(max(goal.cycle - at, min(least, period)))
-            at, before = at + asked[-1], goal.cycle
-        return np.array(asked)
-
-    def _from(self) -> int:
-        """The cycle in which the motion should have been where it is."""
-        return self._cycle - self._lag
-
-    def _periods(self, goals: Sequence[_Goal]) -> FloatArray:
-        """Cycles to each goal at the stream's own pace."""
-        due = [self._from(), *(goal.cycle for goal in goals)]
-        return np.maximum(np.diff(due), 2.0)
-
-    def _trial(self, goals: Sequence[_Goal], asked: IntArray, beyond: list[FloatArray]) -> Trial:
-        T, knot = self._T, self._knot
-        window = Window(len(self._names), False)
-        every = [max(2, self._cycles(self._period))] * len(beyond)
-        window.cycle = np.cumsum([0, *asked.tolist(), *every])
-        window.position = np.array([knot.position, *(g.position for g in goals), *beyond])
-        window.state = (knot.velocity * T, knot.acceleration * T**2, knot.last_jerk * T**3)
-        return Trial(window, self._names, self._table, T)
-
-    def _going_on(self, goals: list[_Goal]) -> list[_Unit] | None:
-        """Constant jerk from goal to goal and on behind the last; at another pace if need be."""
-        asked = self._asked(goals)
-        beyond, every = self._extrapolated(goals)
-        trial = self._trial(goals, asked, beyond)
-        n = len(goals)
-        shares = trial.shares([*asked, *([every] * len(beyond))])
-        late = self._cycle + int(asked.sum()) - goals[-1].cycle
-        best: _Choice | None = None
-        if shares[0] <= _KEPT:
-            made = trial.read()
-            if self._legal(made, 0):
-                best = _Choice(late + excess(shares[:n]), made, goals, 0)
-        if best is not None and best.cost == 0.0:
-            return self._units_of(best)
-        for met in thinned(self._periods(goals)):
-            found = self._paced(goals, met, beyond, every)
-            if found is not None and (best is None or found.cost < best.cost):
-                best = found
-            if best is not None and best.cost < 1e4:
-                break
-        return None if best is None else self._units_of(best)
-
-    def _paced(
-        self,
-        goals: list[_Goal],
-        met: list[int],
-        beyond: list[FloatArray],
-        every: int,
-        *,
-        stop: bool = False,
-    ) -> _Choice | None:
-        """The least late plan: limits kept up to the first goal met, later ones if possible."""
-        chosen = [goals[i] for i in met]
-        periods = self._periods(chosen)
-        due = chosen[-1].cycle - self._cycle
-        early = max(0, self._behind - self._cycles(self._period))
-        trial = self._trial(chosen, np.maximum(periods.astype(np.int64), 2), beyond)
-        n = len(chosen)
-        best: tuple[float, IntArray] | None = None
-        way = np.diff([self._knot.position, *(goal.position for goal in chosen)], axis=0)
-        most = slowing(way, periods, self._table[:, 1]) if stop else None
-        for rate in rates(self._pace, n, most):
-            cycles = np.maximum(2, np.rint(periods / rate)).astype(np.int64)
-            tail = [max(2, round(every / float(rate[-1])))] * len(beyond)
-            all_of_it = np.concatenate([cycles, tail]).astype(np.int64)
-            shares = trial.shares(all_of_it)
-            if not shares[: n if stop else 1].max() <= _KEPT:
-                continue
-            late = int(cycles.sum()) - due
-            cost = max(late, 0) + 2.0 * max(-late, 0) + excess(shares[:n])
-            if -late > early:
-                cost += 1e5
-            if best is None or cost < best[0]:
-                best = cost, all_of_it
-        if best is None:
-            return None
-        trial.shares(best[1])
-        made = trial.read()
-        if not self._legal(made, 0):
-            return None
-        return _Choice(best[0] + 20.0 * met[0], made, chosen, met[0])
-
-    def _legal(self, made: Followed, i: int) -> bool:
-        """Whether the joints can brake from the end of segment i without leaving any limit."""
-        knot, T = Knot.of(made, i + 1), self._T
-        V, A = knot.velocity * T, knot.acceleration * T**2
-        peak = np.abs(V + A * np.abs(A) / (2.0 * self._table[:, 2]))
-        return bool((peak <= self._table[:, 0]).all()) and self._stops(knot)
-
-    def _units_of(self, choice: _Choice) -> list[_Unit]:
-        """The plan up to the first goal met: the rest is planned again from there."""
-        made = choice.made
-        period = self._periods(choice.goals[:1])[0]
-        self._pace = float(period / made.cycles[0])
-        return [_Unit(rows(made, 0, 1), choice.skipped + 1, True, False)]
-
-    def _rejoining(self, goals: list[_Goal]) -> list[_Unit] | None:
-        """The motion that is least late at one of the next goals, with its velocity or less."""
-        best: tuple[float, int, Followed] | None = None
-        asked = np.cumsum(self._asked(goals))
-        for m in sorted({0, min(1, len(goals) - 1), len(goals) - 1}):
-            velocity = self._velocity(goals, m)
-            for share in _SHARES:
-                made = join(
-                    self._knot,
-                    goals[m].position,
-                    self._limits,
-                    self._T,
-                    velocity=share * velocity / self._T,
-                    least=int(asked[m]),
-                )
-                # what is missing of the velocity costs time behind the goal
-                slow = (1.0 - share) * np.abs(velocity / self._table[:, 1]).max()
-                cost = float(made.cycles.sum() - asked[m]) + 0.5 * slow * (1.0 - share) + 20.0 * m
-                if (best is None or cost < best[0]) and self._stays(made):
-                    best = (cost, m + 1, made)
-        if best is None or not self._stops(Knot.of(best[2])):
-            return None
-        self._pace = 1.0
-        return [_Unit(best[2], best[1], True, False)]
-
-    def _stopping(self, goals: list[_Goal]) -> list[_Unit]:
-        """Through the goals to rest on the last one; if there is no way, the plan before stands."""
-        asked, periods = self._asked(goals), self._periods(goals)
-        left = len(goals) - np.arange(len(goals))
-        found = self._paced(goals, list(range(len(goals))), [], 0, stop=True)
-        made = None if found is None else found.made
-        trial = self._trial(goals, asked, [])
-        known = np.concatenate([self._held[: len(goals)], asked[len(self._held) :]])
-        slower = periods * np.sqrt(np.maximum(1.0, 4.0 / left))
-        best: tuple[bool, int, Followed] | None = None
-        for begin in (None, asked, known, slower, 2.0 * slower):
-            if begin is not None:
-                made = trial.stretched(np.maximum(np.rint(begin), asked).astype(np.int64))
-            if made is not None:
-                outside = not self._inside(made)
-                key = outside, int(made.cycles.sum())
-                if not (outside and self._within) and (best is None or key < best[:2]):
-                    best = (*key, made)
-            if best is not None and best[:2] <= (False, goals[-1].cycle - self._cycle):
-                break
-        if best is None:
-            return self._units or self._slowly(goals)
-        chosen = best[2]
-        self._held = chosen.cycles[1:]
-        self._pace = float(periods[0] / chosen.cycles[0])
-        last = len(goals) - 1
-        return [_Unit(rows(chosen, i, i + 1), 1, True, i == last) for i in range(len(goals))]
-
-    def _inside(self, made: Followed) -> bool:
-        """Whether the motion stays between the way-points of each segment, and in reach."""
-        position = replace(made, first=1).sample().position
-        segment = np.repeat(np.arange(len(made)), made.cycles)
-        one, two = made.position[:-1], made.position[1:]
-        way = np.abs(two - one)
-        # where it turns a smooth path goes a little further than its points; not at the end
-        beside = np.vstack([way[:1], way, way[-1:]])
-        room = 0.5 * np.maximum(np.maximum(beside[:-2], beside[2:]), way)
-        room[-1] = 0.0
-        low, high = np.minimum(one, two) - room, np.maximum(one, two) + room
-        inside = (position >= low[segment]) & (position <= high[segment])
-        return bool(inside.all()) and self._stays(made)
-
-    def _slowly(self, goals: Sequence[_Goal]) -> list[_Unit]:
-        """To rest, on the last goal if the way there stays inside; then it can only be better."""
-        self._pace, self._held = 1.0, np.empty(0, dtype=np.int64)
-        end = join(self._knot, goals[-1].position, self._limits, self._T, joint_names=self._names)
-        if self._stays(end):
-            return [_Unit(end, len(goals), True, True)]
-        return [_Unit(brake(self._knot, self._limits, self._T), 0, False, False)]
-
-    def _velocity(self, goals: Sequence[_Goal], m: int) -> FloatArray:
-        """The stream's velocity at goal m per cycle, within the limits."""
-        if m + 1 < len(goals):
-            before = goals[m - 1] if m else _Goal(self._knot.position, 0.0, self._from())
-            after = goals[m + 1]
-            speed = (after.position - before.position) / max(after.cycle - before.cycle, 1)
-        else:
-            speed, push = self._onward()
-            speed = speed + 0.5 * self._cycles(self._period) * push
-        return self._slow(speed)
-
-    def _slow(self, speed: FloatArray) -> FloatArray:
-        most = self._table[:, 0] * (1.0 - 1e-9)
-        return np.clip(speed, -most, most)
-
-    def _onward(self) -> tuple[FloatArray, FloatArray]:
-        """Mean velocity up to the last goal and acceleration there by differences, per cycle."""
-        one, two, three = self._trail
-        ahead, behind = max(three.cycle - two.cycle, 1), max(two.cycle - one.cycle, 1)
-        speed = (three.position - two.position) / ahead
-        change = speed - (two.position - one.position) / behind
-        return speed, change * (2.0 / (ahead + behind))
-
-    def _extrapolated(self, goals: Sequence[_Goal]) -> tuple[list[FloatArray], int]:
-        """Points behind the last goal, a while on with its velocity, then to rest; cycles between.
-
-        Half of the acceleration goes on: with none or all of it a plan of few goals overshoots.
+        For what is played already. Returns how many segments.
         """
-        every = max(SPACING, self._cycles(self._period))
-        speed, push = self._onward()
-        at = speed + 0.5 * self._cycles(self._period) * push
-        ways = [self._slow(at + 0.25 * every * push) * every]
-        way = self._slow(at + 0.5 * every * push) * every
-        n = max(1, int(np.ceil((np.abs(way) / (0.6 * self._table[:, 1] * every**2)).max())))
-        ways += [way * (1.0 - (i + 0.5) / n) for i in range(n)]
-        return list(goals[-1].position + np.cumsum(ways, axis=0)), every
+        begun, horizon = self._segments, self._horizon
+        while self._cycle < cycle and not (horizon.resting and not horizon.knot.moving):
+            made = horizon.settle(1) if horizon.resting else self._knot(None)
+            self._arriving = max(self._arriving - 1, 0)
+            self._cycle += int(made.cycles[0])
+            self._segments += 1
+        return self._segments - begun
 
-    def _stops(self, knot: Knot) -> bool:
-        """Whether the joints can brake from there without leaving their ranges."""
-        if all(limit.position is None for limit in self._limits):
-            return True
-        return self._stays(brake(knot, self._limits, self._T))
+    def remainder(self) -> list[Followed]:
+        """What would follow if nothing else came: to rest. Hands out nothing."""
+        return self._horizon.remainder(self._names, self._segments, self._cycle)
 
-    def _stays(self, motion: Followed) -> bool:
-        if all(limit.position is None for limit in self._limits):
-            return True
-        position = replace(motion, first=1).sample().position
-        return all(
-            limit.position is None
-            or bool(((x >= limit.position[0]) & (x <= limit.position[1])).all())
-            for limit, x in zip(self._limits, position.T, strict=True)
+    # ---- the next piece
+
+    def _next(self, cycle: int) -> Followed:
+        """A rest, or one knot more."""
+        horizon = self._horizon
+        if horizon.resting:
+            if horizon.knot.moving:
+                return horizon.settle(1)
+            if self._waiting() and not (self._ended and not self._on_last()):
+                return horizon.settle(max(cycle - self._cycle, 1))
+            if self._cycle < self._begin and not self._waiting():
+                return horizon.settle(min(self._begin, cycle) - self._cycle)
+        if self._arriving:
+            self._arriving -= 1
+            plan = None
+        else:
+            plan = self._plan()
+            horizon.end = self._known.last.copy()
+        return self._knot(plan)
+
+    def _knot(self, plan: Plan | None) -> Followed:
+        """One knot of a plan, or of the one before."""
+        horizon = self._horizon
+        self._count(plan)
+        before = horizon.given[:, 2].copy()
+        way = horizon.plan[:, 0] if plan is None else plan.control[:, 0]
+        step = np.where(np.abs(way - before) > _STILL * horizon.velocity, way - before, 0.0)
+        self._turns.sign, self._turns.count = self._turns.see(step[:, None])
+        return horizon.hand_out(plan)
+
+    def _look(self) -> None:
+        """Which goals are ahead."""
+        now = self._cycle + 0.5 + (self._horizon.progress[0] + 1e-9) * self._m
+        self._known.forget(now)
+
+    def _waiting(self) -> bool:
+        """Whether no goal is ahead."""
+        now = self._cycle + 0.5 + (float(self._horizon.progress[0]) + 1e-9) * self._m
+        return self._known.last_cycle <= now
+
+    def _on_last(self) -> bool:
+        return bool((self._horizon.knot.position == self._known.last).all())
+
+    def _plan(self) -> Plan:
+        """Each joint by itself where goals are met so; else with a common progress."""
+        horizon, known = self._horizon, self._known
+        self._look()
+        known.trim(
+            min(known.last_cycle, self._cycle + horizon.progress[0] * self._m) - 3.0 * self._m
         )
+        # the sample is half a cycle behind the spline
+        due = (known.cycle - (self._cycle + 0.5)) / self._m
+        self._told.starve(known.first == len(known) and not self._ended and not self._within)
+        self._noise = known.noise(3 * self._m, self._per_cycle)
+        best = None
+        if horizon.progress[0] > -1e-2:
+            progress = np.arange(float(2 * (self._most + self._tail)))
+            best = self._solve(due, progress, paced=False)
+        if best is None or not self._close(best):
+            progress = horizon.ahead(2 * (self._most + self._tail))
+            best = self._solve(due, progress, paced=True)
+        if best is None:
+            self._told.kept += 1
+            progress = horizon.ahead(2 * (self._most + self._tail))
+            aims, knots = self._aims(due, progress)
+            best = horizon.solve(aims, knots, progress, paced=False, mode=Mode.AS_BEFORE, most=0)
+        if horizon.resting and -horizon.progress[0] > self._tail and self._still(best):
+            # it turned before a goal, and does not go back to it
+            progress = best.progress - best.progress[0] + due[min(known.first, len(due) - 1)]
+            return replace(best, progress=progress)
+        return self._arrive(due, best) or best
+
+    def _solve(
+        self,
+        due: FloatArray,
+        progress: FloatArray,
+        *,
+        paced: bool,
+    ) -> Plan | None:
+        """The best plan that turns no more often than the goals do."""
+        aims, knots = self._aims(due, progress)
+        exact = 0
+        if self._exact and len(aims.moment):  # not where it must stop
+            until = np.inf if aims.ended else aims.moment[-1] - self._tail
+            exact = int(np.searchsorted(aims.moment, until))
+        attempts = [(mode, aims) for mode in Mode]
+        if aims.turning.any():
+            free = np.where(aims.turning, 0, aims.direction).astype(np.int32)
+            attempts.insert(0, (Mode.HARD, replace(aims, direction=free)))
+        for mode, asked in attempts:
+            best = self._horizon.solve(
+                asked,
+                knots,
+                progress[: knots + 1],
+                paced=paced,
+                mode=mode,
+                exact=exact,
+            )
+            if (mode is not Mode.HARD or best.share.all()) and self._keeps_turns(aims, best):
+                break
+        else:
+            return None
+        last = min(knots, max(1, math.ceil(aims.moment[-1]) if len(aims.moment) else 1))
+        more = np.arange(1.0, 2 * (self._most + self._tail) - last)
+        progress = np.concatenate([best.progress[: last + 1], best.progress[last] + more])
+        return replace(best, progress=progress)
+
+    def _keeps_turns(self, aims: Aims, plan: Plan) -> bool:
+        steps = np.diff(plan.control, axis=1, prepend=self._horizon.given[:, 2:])
+        still = _STILL * self._horizon.velocity[:, None]
+        return self._turns.kept(aims.direction, np.where(np.abs(steps) > still, steps, 0.0))
+
+    def _still(self, plan: Plan) -> bool:
+        way = np.abs(plan.control - self._horizon.given[:, 2:]).max(axis=1)
+        return bool((way <= _CLOSE * self._horizon.velocity).all())
+
+    def _close(self, plan: Plan) -> bool:
+        """Whether goals are met, so that the joints need nothing in common; far ones may change."""
+        allowed = _CLOSE * self._horizon.velocity + 2.0 * self._noise
+        far = 1.0 + (plan.moment[:, None] / _NEAR) ** 2
+        return bool((np.abs(plan.deviation) <= far * allowed).all())
+
+    def _aims(self, due: FloatArray, progress: FloatArray) -> tuple[Aims, int]:
+        """The goals as a plan with this progress has them, and its length."""
+        horizon, known = self._horizon, self._known
+        first, position = known.first, known.position
+        rising = np.maximum.accumulate(progress) + 1e-9 * np.arange(len(progress))
+        moment = np.interp(due, rising, np.arange(float(len(rising))))
+        moment = np.where(due > rising[-1], len(rising) - 1 + due - rising[-1], moment)
+        moment = np.where(due < rising[0], due - rising[0], moment)
+        ahead = np.arange(first, first + int(np.searchsorted(moment[first:], self._most)))
+        at = moment[ahead]
+        knots = (math.ceil(at[-1]) if len(at) else 0) + self._tail
+        knots = max(knots, horizon.plan.shape[1])
+        gap = np.diff(at, prepend=moment[first - 1])
+        slopes = known.slopes(due, ahead)
+        speed = None
+        if known.speeds:
+            speed = known.velocity[ahead] * (self._m * self._T)
+            speed = np.where(np.isnan(speed), slopes, speed)
+        last, here = position[-1], horizon.knot.position
+        whole = len(ahead) == len(due) - first  # else the plan rests on the last one looked at
+        end = last if whole else position[first - 1 + len(ahead)]
+        low = np.minimum(np.minimum(position[first:].min(axis=0, initial=np.inf), here), last)
+        high = np.maximum(np.maximum(position[first:].max(axis=0, initial=-np.inf), here), last)
+        if not self._within and not self._ended:
+            more = known.onward(self._m, self._per_cycle)
+            more = np.sign(more) * np.maximum(_SURE * np.abs(more) - _CLOSE * horizon.velocity, 0.0)
+            low, high = np.minimum(low, last + more), np.maximum(high, last + more)
+        low, high = np.maximum(low, self._ranges[:, 0]), np.minimum(high, self._ranges[:, 1])
+        return (
+            Aims(
+                at,
+                np.clip(gap, _DENSE, 1.0),
+                position[ahead],
+                slopes,
+                speed,
+                np.column_stack([low, high]),
+                *known.directions(
+                    moment,
+                    knots,
+                    horizon.given + horizon.origin[:, None],
+                    self._turns.sign,
+                    np.maximum(RESOLUTION * horizon.velocity, 2.5 * self._noise),
+                    final=self._within or self._ended,
+                ),
+                end,
+                self._ended and whole,
+            ),
+            knots,
+        )
+
+    def _arrive(self, due: FloatArray, best: Plan) -> Plan | None:
+        """The first knot in which all joints can rest on the last goal, if there is one soon."""
+        first = self._known.first
+        if not (self._ended or (self._within and first == len(due))):
+            return None
+        aims, _ = self._aims(due, best.progress)
+        last = float(aims.moment[-1]) if len(aims.moment) else 0.0
+        if len(aims.moment) < len(due) - first:
+            return None
+        worst = np.abs(best.deviation).max(axis=0, initial=0.0)
+        allowed = np.maximum(1.2 * worst, 3.0 * _CLOSE * self._horizon.velocity)
+        met = bool((worst <= RESOLUTION * self._horizon.velocity).all())
+        exact = len(aims.moment) if self._exact and met else 0
+        n = max(1, math.ceil(last - 1e-9) - 2)
+        for knots in range(n, n + self._tail):
+            short = replace(
+                aims, direction=np.ascontiguousarray(aims.direction[:, :knots]), ended=True
+            )
+            progress = best.progress[: knots + 1]
+            if len(progress) < knots + 1:
+                return None
+            found = self._horizon.solve(
+                short, knots, progress, paced=False, ends=True, exact=exact, plan=best.control
+            )
+            close = (found.share == 1.0).all() and (np.abs(found.deviation) <= allowed).all()
+            if close and self._keeps_turns(short, found):
+                self._arriving = knots + 2
+                return replace(found, progress=best.progress)
+        return None
 
     # ---- bookkeeping
 
-    def _hand_out(self, unit: _Unit) -> Followed:
-        motion = replace(
-            unit.motion,
-            joint_names=self._names,
-            first=self._knots,
-            first_cycle=self._cycle,
-        )
-        done, self._known = self._known[: unit.goals], self._known[unit.goals :]
-        self._cycle += int(motion.cycles.sum())
-        self._knots += len(motion)
-        self._knot = Knot.of(motion)
-        if done:
-            met = bool((motion.position[-1] == done[-1].position).all())
-            for goal in done[: len(done) - met]:
-                self._missed += 1
-                gap = np.abs(motion.sample().position - goal.position)
-                near = gap[int(gap.max(axis=1).argmin())]
-                self._deviation = np.maximum(self._deviation, near)
-            self._met += met
-            self._lag = self._cycle - done[-1].cycle
-            self._worst = max(self._worst, self._lag)
-            self._starving = False
-        elif self._starving:
-            gap = np.abs(motion.position[-1] - self._last.position)
-            self._beyond = np.maximum(self._beyond, gap)
-        return motion
-
-    def _on_last(self) -> bool:
-        return bool((self._knot.position == self._last.position).all())
+    def _count(self, plan: Plan | None) -> None:
+        """The goals that the next knot passes."""
+        self._look()
+        known, horizon = self._known, self._horizon
+        progress = horizon.ahead(1) if plan is None else plan.progress
+        until = self._cycle + 0.5 + (float(progress[1]) + 1e-9) * self._m
+        passed = int(np.searchsorted(known.cycle, until, side="right")) - known.first
+        if passed > 0:
+            off = np.zeros((0, len(self._limits))) if plan is None else plan.deviation[:passed]
+            self._told.passing(passed, off, (1.0 - float(progress[1])) * self._m * self._T)
+        self._told.rests(np.abs(horizon.knot.position - self._known.last))
 
     def _cycles(self, seconds: float) -> int:
         return int(seconds / self._T * (1.0 + 1e-12) + 0.5)
 
     def _row(self, name: str, value: ArrayLike) -> FloatArray:
-        try:
-            row = np.array(value, dtype=np.float64)
-        except (TypeError, ValueError) as fault:
-            raise InputError(name, value, f"must be {len(self._limits)} numbers") from fault
-        if row.shape != (len(self._limits),):
-            raise InputError(name, row.shape, f"must have shape ({len(self._limits)},)")
-        if not np.isfinite(row).all():
-            raise InputError(name, row.tolist(), "must be finite")
-        return row
+        return row_of(name, value, len(self._limits))

@@ -1,0 +1,151 @@
+/* A line of emulated devices on a network interface: the only file that knows sockets.
+ *
+ * A frame counts at the time the system received it (SO_TIMESTAMPNS), whatever the emulator did then;
+ * what was due before is done before.
+ *
+ * Never here: what a frame means.
+ */
+#define _GNU_SOURCE
+#include <errno.h>
+#include <net/if.h>          /* if_nametoindex */
+#include <poll.h>            /* ppoll */
+#include <stddef.h>
+#include <stdint.h>
+#include <string.h>
+#include <sys/socket.h>
+#include <linux/if_packet.h> /* sockaddr_ll */
+#include <time.h>
+#include <unistd.h>          /* close */
+#include "ports/ethercat/_wire.h"
+
+enum { ETHERTYPE = 0x88A4, SECOND = 1000000000, CONTROL = 256, ROOM = 2048 };
+
+static int64_t of(const struct timespec *t)
+{
+    return (int64_t)t->tv_sec * SECOND + t->tv_nsec;
+}
+
+static int64_t read_clock(clockid_t clock)
+{
+    struct timespec t;
+    clock_gettime(clock, &t);
+    return of(&t);
+}
+
+int64_t sj_wire_now(void)
+{
+    return read_clock(CLOCK_MONOTONIC);
+}
+
+int32_t sj_wire_open(const char *interface_name)
+{
+    struct sockaddr_ll address = {.sll_family = AF_PACKET,
+                                  .sll_protocol = (uint16_t)(ETHERTYPE >> 8 | (ETHERTYPE & 255) << 8)};
+    const int one = 1;
+    const unsigned index = if_nametoindex(interface_name);
+    if (index == 0)
+        return -errno;
+    address.sll_ifindex = (int)index;
+    const int fd = socket(AF_PACKET, SOCK_RAW | SOCK_CLOEXEC, address.sll_protocol);
+    if (fd < 0)
+        return -errno;
+    if (setsockopt(fd, SOL_SOCKET, SO_TIMESTAMPNS, &one, sizeof one) < 0 ||
+        setsockopt(fd, SOL_PACKET, PACKET_IGNORE_OUTGOING, &one, sizeof one) < 0 ||
+        bind(fd, (struct sockaddr *)&address, sizeof address) < 0) {
+        const int error = errno;
+        close(fd);
+        return -error;
+    }
+    return fd;
+}
+
+void sj_wire_close(int32_t socket)
+{
+    close(socket);
+}
+
+/* When the message came, as CLOCK_MONOTONIC; `now` without a time stamp. */
+static int64_t arrival(struct msghdr *message, int64_t now)
+{
+    for (struct cmsghdr *c = CMSG_FIRSTHDR(message); c; c = CMSG_NXTHDR(message, c))
+        if (c->cmsg_level == SOL_SOCKET && c->cmsg_type == SO_TIMESTAMPNS) {
+            struct timespec stamp;
+            memcpy(&stamp, CMSG_DATA(c), sizeof stamp);
+            const int64_t age = read_clock(CLOCK_REALTIME) - of(&stamp);
+            return age > 0 && age < SECOND ? now - age : now;   /* the wall clock may have been set */
+        }
+    return now;
+}
+
+static void sleep_until(int64_t end)
+{
+    const struct timespec t = {(time_t)(end / SECOND), (long)(end % SECOND)};
+    while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &t, NULL) == EINTR)
+        ;
+}
+
+static int32_t with_events(const sj_line *line)
+{
+    for (int i = 0; i < line->count; i++)
+        if (line->devices[i].events)
+            return i;
+    return -1;
+}
+
+/* One frame from the socket, if there is one: 1, else 0, or -1 - errno. */
+static int32_t serve_frame(sj_line *line, int32_t fd)
+{
+    uint8_t frame[ROOM];
+    union { uint8_t bytes[CONTROL]; struct cmsghdr align; } control;
+    struct iovec part = {frame, sizeof frame};
+    struct msghdr message = {.msg_iov = &part, .msg_iovlen = 1, .msg_control = control.bytes,
+                             .msg_controllen = sizeof control.bytes};
+    const ssize_t length = recvmsg(fd, &message, MSG_DONTWAIT);
+    if (length < 0)
+        return errno == EAGAIN || errno == EINTR ? 0 : -1 - errno;
+    const int64_t now = sj_wire_now(), at = arrival(&message, now);
+    sj_line_advance(line, at);
+    const int32_t answer = sj_line_frame(line, frame, (int32_t)length, at);
+    if (answer <= 0)
+        return 1;
+    if (line->late_every && line->frames % line->late_every == 0)
+        sleep_until(at + line->late_ns);
+    if (send(fd, frame, (size_t)answer, MSG_DONTWAIT) < 0 && errno != EAGAIN && errno != ENOBUFS &&
+        errno != ENETDOWN && errno != EINTR)
+        return -1 - errno;
+    return 1;
+}
+
+int32_t sj_wire_serve(sj_line *line, int32_t fd, int64_t until)
+{
+    for (;;) {
+        const int64_t now = sj_wire_now();
+        int64_t due = sj_line_due(line, now);
+        if (line->wake || now >= until)
+            return -1;
+        if (due > until)
+            due = until;
+        if (due > now) {
+            struct pollfd wanted = {fd, POLLIN, 0};
+            const struct timespec wait = {(time_t)((due - now) / SECOND), (long)((due - now) % SECOND)};
+            if (ppoll(&wanted, 1, &wait, NULL) < 0 && errno != EINTR)
+                return -1 - errno;
+        }
+        for (;;) {
+            const int64_t before = sj_wire_now();       /* no frame that comes later is older */
+            const int32_t served = serve_frame(line, fd);
+            if (served < 0)
+                return served;
+            const int32_t told = with_events(line);
+            if (told >= 0)
+                return told;
+            if (served == 0) {
+                sj_line_advance(line, before);
+                break;
+            }
+        }
+        const int32_t told = with_events(line);
+        if (told >= 0)
+            return told;
+    }
+}

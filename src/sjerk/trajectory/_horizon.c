@@ -1,0 +1,393 @@
+/* A stream's horizon as a quadratic programme: goals in least squares, limits as differences.
+ *
+ * Of a uniform cubic B-spline with control points c and knots h apart (de Boor, A Practical Guide to
+ * Splines, chapter X)
+ *
+ *     position at a knot    (c[k-1] + 4 c[k] + c[k+1]) / 6      velocity      in the hull of D c / h
+ *     acceleration there    D2 c / h^2                          jerk between  D3 c / h^3
+ *
+ * so bounds on three differences keep the limits everywhere; c that do not fall make a motion that does
+ * not; c in a range make a motion inside it; three equal c are rest. A plan that ends at rest, shifted
+ * by a knot, keeps all of it again: it is the start, and the answer where no better one is found.
+ * With a common progress s the goals' moments move: value - slope ds is held against each goal, and
+ * s stays behind the time that is due. Limits are not linearised; only the moments are.
+ * Never here: goals' times, cycles, memory of its own.
+ */
+#include <math.h>   /* floor, fmin, fmax */
+#include <stddef.h>
+#include <stdint.h>
+#include <string.h> /* memset of sums */
+#include "trajectory/_horizon.h"
+
+static const double RIDGE = 1e-9;       /* weight of the distance to the given plan */
+static const double ROOM = 1e-11, KEPT = 1e-9;
+static const double STILL = 1e-8;       /* a smaller difference has no direction */
+static const double TOLERANCE = 1e-9;
+static const double bezier[3][3] = {
+    {1 / 6.0, 4 / 6.0, 1 / 6.0}, {0, 2 / 3.0, 1 / 3.0}, {0, 1 / 3.0, 2 / 3.0}};
+static const double binomial[4][4] = {{1, 0, 0, 0}, {-1, 1, 0, 0}, {1, -2, 1, 0}, {-1, 3, -3, 1}};
+
+/* The programme of joints first .. first + count - 1, in the caller's memory. */
+typedef struct {
+    const sj_horizon *h;
+    int32_t first, count, block;        /* variables of a knot: count, and the progress */
+    double fixed;                       /* by how much what is given breaks a bound */
+    sj_qp qp;
+    double *hessian, *gradient, *value, *lower, *upper, *x, *own, *work;
+    int32_t *start, *column;
+} problem;
+
+static int64_t rows_of(int32_t joints, int32_t knots)
+{
+    return ((int64_t)joints * 7 + 2) * (knots + 2);
+}
+
+int64_t sj_horizon_doubles(int32_t joints, int32_t knots)
+{
+    int64_t n = (int64_t)(joints + 1) * knots, m = rows_of(joints, knots), band = 4 * (joints + 1);
+    return n * (band + 1) + 3 * n + 6 * m + sj_qp_doubles((int32_t)n, (int32_t)m, (int32_t)band);
+}
+
+int64_t sj_horizon_ints(int32_t joints, int32_t knots)
+{
+    return 5 * rows_of(joints, knots) + 1;
+}
+
+/* Variable of control point i = 0 .. knots + 4 of a joint, the first three and `ends` given: -1. */
+static int32_t variable_of(const problem *p, int32_t joint, int32_t i)
+{
+    int32_t last = p->h->knots - 1, k = i - 3 < last ? i - 3 : last;
+    if (k < 0 || (p->h->ends && k == last))
+        return -1;
+    return k * p->block + joint - p->first;
+}
+
+static double given(const sj_horizon *h, int32_t joint, int32_t i)
+{
+    return i < 3 ? h->before[3 * joint + i] : h->end[joint];
+}
+
+/* Basis of the segment at x in 0 .. 1: of the sample, or of the velocity per knot. */
+static void basis_of(double x, double bend, double basis[4])
+{
+    double y = 1.0 - x;
+    basis[0] = y * y * y / 6.0 + bend * y;
+    basis[1] = (3.0 * x * x * x - 6.0 * x * x + 4.0) / 6.0 + bend * (3.0 * x - 2.0);
+    basis[2] = (3.0 * y * y * y - 6.0 * y * y + 4.0) / 6.0 + bend * (3.0 * y - 2.0);
+    basis[3] = x * x * x / 6.0 + bend * x;
+}
+
+static void slope_of(double x, double basis[4])
+{
+    double y = 1.0 - x;
+    basis[0] = -y * y / 2.0;
+    basis[1] = (3.0 * x * x - 4.0 * x) / 2.0;
+    basis[2] = -(3.0 * y * y - 4.0 * y) / 2.0;
+    basis[3] = x * x / 2.0;
+}
+
+/* Segment of a moment, and where in it. */
+static int32_t segment_of(const sj_horizon *h, double moment, double *x)
+{
+    double whole = fmin(fmax(floor(moment), 0.0), (double)(h->knots + 1));
+    *x = fmin(fmax(moment - whole, 0.0), 1.0);
+    return (int32_t)whole;
+}
+
+/* weight (sum of coefficient c + rest)^2 into the objective; equal variables may come twice. */
+static void add_square(problem *p, const int32_t *variable, const double *coefficient, int32_t count,
+                       double rest, double weight)
+{
+    int32_t wide = p->qp.band + 1;
+    for (int32_t a = 0; a < count; a++) {
+        int32_t i = variable[a];
+        if (i < 0)
+            continue;
+        p->gradient[i] += weight * coefficient[a] * rest;
+        for (int32_t b = 0; b < count; b++)
+            if (variable[b] >= 0 && variable[b] <= i)
+                p->hessian[(int64_t)i * wide + p->qp.band + variable[b] - i] +=
+                    weight * coefficient[a] * coefficient[b];
+    }
+}
+
+/* A row of the constraints over control points i .. i + 3 of a joint; bounds take what is given in.
+ * What the plan does is allowed, so that it stays an answer. */
+static void add_row(problem *p, int32_t joint, int32_t i, const double *coefficient, int32_t count,
+                    double lower, double upper)
+{
+    const sj_horizon *h = p->h;
+    int32_t row = p->qp.rows, entries = p->start[row];
+    double rest = 0.0, now = 0.0;
+    for (int32_t a = 0; a < count; a++) {
+        int32_t v = variable_of(p, joint, i + a);
+        if (v < 0)
+            rest += coefficient[a] * given(h, joint, i + a);
+        else {
+            now += coefficient[a] * p->x[v];
+            if (entries > p->start[row] && p->column[entries - 1] == v)
+                p->value[entries - 1] += coefficient[a];
+            else {
+                p->column[entries] = v;
+                p->value[entries++] = coefficient[a];
+            }
+        }
+    }
+    if (entries == p->start[row]) {     /* nothing to choose: only possible where a short plan ends */
+        if (h->ends)
+            p->fixed = fmax(p->fixed, fmax(rest - upper, lower - rest));
+        return;
+    }
+    p->lower[row] = lower - rest;
+    p->upper[row] = upper - rest;
+    if (!h->fresh) {
+        p->lower[row] = fmin(p->lower[row], now);
+        p->upper[row] = fmax(p->upper[row], now);
+    }
+    p->start[++p->qp.rows] = entries;
+}
+
+/* Whether all first differences have one sign and neither given control points nor the plan's are
+ * outside: then control points in the range do, without Bezier points. */
+static int32_t is_monotone(const sj_horizon *h, int32_t joint)
+{
+    const int32_t *sign = h->direction + joint * h->knots;
+    const double *range = h->range + 2 * joint, *before = h->before + 3 * joint;
+    for (int32_t i = 1; i < 3; i++)
+        if (before[i] < range[0] - KEPT || before[i] > range[1] + KEPT)
+            return 0;
+    for (int32_t k = 0; k < h->knots; k++) {
+        double c = h->fresh ? before[2] : h->plan[joint * h->knots + k];
+        if (sign[k] == 0 || sign[k] != sign[0] || c < range[0] - KEPT || c > range[1] + KEPT)
+            return 0;
+    }
+    return 1;
+}
+
+/* First difference of the plan from control point i to the next. */
+static double difference(const problem *p, int32_t joint, int32_t i)
+{
+    int32_t one = variable_of(p, joint, i), two = variable_of(p, joint, i + 1);
+    return (two < 0 ? given(p->h, joint, i + 1) : p->x[two]) -
+           (one < 0 ? given(p->h, joint, i) : p->x[one]);
+}
+
+static void add_limits(problem *p, int32_t joint)
+{
+    const sj_horizon *h = p->h;
+    const double *limit = h->limits + 4 * joint, *range = h->range + 2 * joint;
+    for (int32_t k = 0; k < h->knots; k++) {
+        int32_t sign = h->direction[joint * h->knots + k];
+        double own = difference(p, joint, k + 2);
+        if (h->strict && sign * own < -STILL)   /* the plan goes the other way there: that way, or not */
+            sign = -sign;
+        add_row(p, joint, k + 2, binomial[1], 2, sign > 0 ? 0.0 : -limit[0], sign < 0 ? 0.0 : limit[0]);
+    }
+    for (int32_t k = 0; k <= h->knots; k++)
+        add_row(p, joint, k + 1, binomial[2], 3, -limit[2], limit[1]);
+    for (int32_t k = 0; k <= h->knots + 1; k++)
+        add_row(p, joint, k, binomial[3], 4, -limit[3], limit[3]);
+    if (is_monotone(h, joint))
+        for (int32_t k = 0; k < h->knots; k++)
+            add_row(p, joint, k + 3, binomial[0], 1, range[0], range[1]);
+    else                                /* Bezier points of each segment */
+        for (int32_t k = 1; k <= h->knots + 1; k++)
+            for (int32_t i = 0; i < 3; i++)
+                add_row(p, joint, k, bezier[i], 3, range[0], range[1]);
+}
+
+/* Goals that are to be met exactly, where they are not denser than knots. */
+static void add_exact(problem *p, int32_t joint)
+{
+    const sj_horizon *h = p->h;
+    double basis[4], x;
+    if (!h->fresh || h->exact > h->knots)
+        return;
+    for (int32_t g = 0; g < h->exact; g++) {
+        int32_t k = segment_of(h, h->moment[g], &x);
+        double goal = h->goal[g * h->joints + joint];
+        basis_of(x, h->bend, basis);
+        add_row(p, joint, k, basis, 4, goal, goal);
+    }
+}
+
+static void add_joint(problem *p, int32_t joint)
+{
+    const sj_horizon *h = p->h;
+    int32_t variable[6];
+    double basis[6], x;
+    for (int32_t g = 0; g < h->goals; g++) {
+        int32_t k = segment_of(h, h->moment[g], &x), count = 4;
+        double rest = -h->goal[g * h->joints + joint], slope = h->slope[g * h->joints + joint];
+        basis_of(x, h->bend, basis);
+        for (int32_t a = 0; a < 4; a++)
+            if ((variable[a] = variable_of(p, joint, k + a)) < 0)
+                rest += basis[a] * given(h, joint, k + a);
+        if (h->paced && k <= h->knots)  /* progress of knots k and k + 1, the present one's given */
+            for (int32_t a = 0; a < 2; a++)
+                if (k + a >= 1 && k + a <= h->knots) {
+                    variable[count] = (k + a - 1) * p->block + p->count;
+                    basis[count++] = -slope * (a ? x : 1.0 - x);
+                }
+        add_square(p, variable, basis, count, rest, h->weight[g]);
+        if (!h->speed || !h->speed_weight)
+            continue;
+        rest = -h->speed[g * h->joints + joint];
+        slope_of(x, basis);
+        for (int32_t a = 0; a < 4; a++)
+            if (variable[a] < 0)
+                rest += basis[a] * given(h, joint, k + a);
+        add_square(p, variable, basis, 4, rest, h->weight[g] * h->speed_weight);
+    }
+    for (int32_t k = 0; k < h->knots + 2; k++) {
+        double rest = 0.0;
+        for (int32_t a = 0; a < 4; a++)
+            if ((variable[a] = variable_of(p, joint, k + a)) < 0)
+                rest += binomial[3][a] * given(h, joint, k + a);
+        add_square(p, variable, binomial[3], 4, rest, h->smooth);
+    }
+    for (int32_t k = 0; k < h->knots; k++) {
+        double one = 1.0;
+        variable[0] = variable_of(p, joint, k + 3);
+        add_square(p, variable, &one, 1, -h->end[joint], h->tail[k]);
+        add_square(p, variable, &one, 1, -h->plan[joint * h->knots + k], RIDGE);
+    }
+}
+
+/* The unknown of a knot's progress is its change against the plan's. */
+static void add_progress(problem *p)
+{
+    const sj_horizon *h = p->h;
+    for (int32_t k = 0; k < h->knots; k++) {
+        int32_t row = p->qp.rows, at = p->start[row], v = k * p->block + p->count;
+        double one = 1.0, before = k ? h->progress[k - 1] : h->progress_before;
+        add_square(p, &v, &one, 1, h->progress[k] - h->due[k], h->lag);
+        p->column[at] = v;
+        p->value[at] = 1.0;
+        p->lower[row] = -h->trust;
+        p->upper[row] = fmax(fmin(h->due[k] - h->progress[k], h->trust), 0.0);
+        p->start[++row] = ++at;
+        if (k) {
+            p->column[at] = v - p->block;
+            p->value[at++] = -1.0;
+        }
+        p->column[at] = v;
+        p->value[at++] = 1.0;
+        p->lower[row] = fmin(before - h->progress[k], 0.0);
+        p->upper[row] = (double)SJ_QP_FREE;
+        p->start[++row] = at;
+        p->qp.rows = row;
+    }
+}
+
+static void share_out(problem *p, double *work, int32_t *ints)
+{
+    int64_t n = p->qp.variables, m = rows_of(p->count, p->h->knots);
+    p->hessian = work;
+    p->gradient = p->hessian + n * (p->qp.band + 1);
+    p->x = p->gradient + n;
+    p->own = p->x + n;
+    p->lower = p->own + n;
+    p->upper = p->lower + m;
+    p->value = p->upper + m;
+    p->work = p->value + 4 * m;
+    p->start = ints;
+    p->column = ints + m + 1;
+    memset(p->hessian, 0, (size_t)(n * (p->qp.band + 1) + n) * sizeof *work);
+}
+
+static void solve(const sj_horizon *h, int32_t first, int32_t count, double *control, double *progress,
+                  double *share, double *work, int32_t *ints, int32_t most, sj_qp_result *result)
+{
+    problem p = {.h = h, .first = first, .count = count, .block = count + h->paced};
+    int32_t n = h->knots - h->ends;
+    double part = 1.0;
+    p.qp.variables = h->knots * p.block;
+    p.qp.band = 4 * p.block - 1;
+    if (!h->paced)
+        p.qp.band = 3 * p.block;
+    share_out(&p, work, ints);
+    for (int32_t k = 0; k < h->knots; k++) {
+        for (int32_t j = 0; j < count; j++)
+            p.x[k * p.block + j] = h->plan[(first + j) * h->knots + k];
+        if (h->paced)
+            p.x[k * p.block + count] = 0.0;
+    }
+    memcpy(p.own, p.x, (size_t)p.qp.variables * sizeof *p.x);
+    p.start[0] = 0;
+    for (int32_t j = first; j < first + count; j++) {
+        add_joint(&p, j);
+        add_limits(&p, j);
+        add_exact(&p, j);
+    }
+    if (h->paced)
+        add_progress(&p);
+    if (h->ends)                        /* not in any row: stays where it is */
+        for (int32_t j = 0; j < count; j++)
+            p.hessian[(int64_t)(n * p.block + j) * (p.qp.band + 1) + p.qp.band] += 1.0;
+    p.qp.hessian = p.hessian;
+    p.qp.gradient = p.gradient;
+    p.qp.start = p.start;
+    p.qp.column = p.column;
+    p.qp.value = p.value;
+    p.qp.lower = p.lower;
+    p.qp.upper = p.upper;
+    sj_qp_solve(&p.qp, p.x, p.work, most, 0.0, TOLERANCE, result);
+    if (h->fresh)
+        part = result->outside <= KEPT && p.fixed <= KEPT ? 1.0 : 0.0;
+    else
+        part = sj_qp_toward(&p.qp, p.own, p.x, ROOM);
+    for (int32_t k = 0; k < h->knots; k++) {
+        for (int32_t j = 0; j < count; j++) {
+            int32_t i = k * p.block + j, to = (first + j) * h->knots + k;
+            const double *range = h->range + 2 * (first + j);
+            double low = fmin(range[0], p.own[i]), high = fmax(range[1], p.own[i]);
+            control[to] = part >= 1.0 ? p.x[i] : p.own[i] + part * (p.x[i] - p.own[i]);
+            if (is_monotone(h, first + j))
+                control[to] = fmin(fmax(control[to], low), high);
+            if (h->ends && k == n)
+                control[to] = h->end[first + j];
+        }
+        if (h->paced)
+            progress[k] = h->progress[k] + part * p.x[k * p.block + count];
+    }
+    for (int32_t j = first; j < first + count; j++)
+        share[j] = part;
+}
+
+void sj_horizon_plan(const sj_horizon *horizon, double *control, double *progress, double *share,
+                     double *work, int32_t *ints, int32_t most, sj_qp_result *result)
+{
+    sj_qp_result all = {0, SJ_QP_SOLVED, 0.0, 0.0, 0.0};
+    if (horizon->paced) {
+        solve(horizon, 0, horizon->joints, control, progress, share, work, ints, most, result);
+        return;
+    }
+    for (int32_t j = 0; j < horizon->joints; j++) {
+        solve(horizon, j, 1, control, progress, share, work, ints, most, result);
+        all.iterations = result->iterations > all.iterations ? result->iterations : all.iterations;
+        all.status = result->status > all.status ? result->status : all.status;
+        all.outside = fmax(all.outside, result->outside);
+        all.gap = fmax(all.gap, result->gap);
+        all.slope = fmax(all.slope, result->slope);
+    }
+    *result = all;
+}
+
+void sj_horizon_values(const sj_horizon *horizon, const double *control, double *value)
+{
+    const sj_horizon *h = horizon;
+    for (int32_t g = 0; g < h->goals; g++) {
+        double x, basis[4];
+        int32_t k = segment_of(h, h->moment[g], &x);
+        basis_of(x, h->bend, basis);
+        for (int32_t j = 0; j < h->joints; j++) {
+            double sum = 0.0;
+            for (int32_t a = 0; a < 4; a++) {
+                int32_t i = k + a - 3 < h->knots ? k + a - 3 : h->knots - 1;
+                sum += basis[a] * (i < 0 ? h->before[3 * j + k + a] : control[j * h->knots + i]);
+            }
+            value[g * h->joints + j] = sum;
+        }
+    }
+}

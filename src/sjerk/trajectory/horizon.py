@@ -1,0 +1,318 @@
+"""Control points of N joints on knots of a whole number of cycles: planned ahead, handed out.
+
+A uniform cubic B-spline with its limits as bounds on differences, ``_horizon.c``. Behind what is
+handed out there is always a plan that ends at rest. ``docs/explanation/trajectories.md`` has the
+method. Never here: goals' times, clocks, shared memory.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sjerk._binding import ffi, lib
+from sjerk.profile import FloatArray, Limits
+from sjerk.trajectory.joining import both
+from sjerk.trajectory.segments import PHASES, Followed, Knot
+
+#: Weight of squared differences between a goal's velocity and the plan's, in knots.
+_SPEED = 1.0
+#: Weight of the rest beyond the last goal, while another may come.
+_TAIL = 1e-4
+#: Weight of the squared lag of the common progress; its largest change in one solution, in knots.
+_LAG, _TRUST = 1e-3, 3.0
+#: Control points further from the origin than so many knots at full velocity move it along.
+_FAR = 64.0
+_BOUNDS = 1e8
+
+
+class Mode(Enum):
+    """What becomes of bounds that the plan before does not keep."""
+
+    #: They hold; where nothing keeps them there is no answer.
+    HARD = 0
+    #: What the plan before does is allowed.
+    AS_BEFORE = 1
+    #: The same; but where it goes against a direction, no plan goes along that.
+    STRICT = 2
+
+
+@dataclass(frozen=True, eq=False)
+class Aims:
+    """What a plan is to pass: g goals of N joints.
+
+    ``moment`` (g,): when, in knots from now; ``position``, ``slope`` (g, N): where, in axis units,
+    and its change per knot of progress; ``velocity`` (g, N) per knot, or None. ``range`` (N, 2) of
+    positions, ``direction`` (N, knots): the sign a first difference must have, or 0; ``turning``
+    (N, knots): where that is not sure. ``end`` (N,):
+    where to rest; ``ended``: no goal comes behind these.
+    """
+
+    moment: FloatArray
+    weight: FloatArray
+    position: FloatArray
+    slope: FloatArray
+    velocity: FloatArray | None
+    range: FloatArray
+    direction: NDArray[np.int32]
+    turning: NDArray[np.bool_]
+    end: FloatArray
+    ended: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """``control`` (N, knots) from the origin; ``progress`` (knots + 1,) from the present knot.
+
+    ``share`` (N,): of the way from the plan before to the best one; ``moment`` (g,) and
+    ``deviation`` (g, N) at the goals.
+    """
+
+    control: FloatArray
+    progress: FloatArray
+    share: FloatArray
+    moment: FloatArray
+    deviation: FloatArray
+    iterations: int
+
+
+class Horizon:
+    """The control points of N joints, ``cycles`` per knot; at rest at ``position`` (N,)."""
+
+    def __init__(
+        self,
+        limits: Sequence[Limits],
+        cycle_time: float,
+        cycles: int,
+        position: FloatArray,
+        *,
+        smoothing: float,
+        iterations: int,
+    ) -> None:
+        self.cycles, self._T = cycles, cycle_time
+        self._smoothing, self._most = smoothing, iterations
+        own, h = [both(limit) for limit in limits], cycles * cycle_time
+        self.velocity = np.array([limit.velocity * h for limit in own])
+        acceleration = np.array([limit.acceleration * h * h for limit in own])
+        jerk = np.array([limit.jerk * h**3 for limit in own])
+        self._unit = np.minimum(np.minimum(self.velocity, acceleration), jerk)
+        self._limits = np.minimum(
+            np.column_stack([self.velocity, acceleration, acceleration, jerk])
+            / self._unit[:, None],
+            _BOUNDS,
+        )
+        self._size = (0, 0)
+        self.rest(position)
+
+    def rest(self, position: FloatArray) -> None:
+        """Begin anew, at rest."""
+        self.origin = position.copy()
+        self.end = position.copy()  # where a plan rests, bit for bit
+        self.given = np.zeros((len(position), 3))  # the last three handed out
+        self.plan = np.zeros((len(position), 1))
+        self.progress = np.zeros(1)  # in knots, of the present knot and those ahead
+        self.knot = Knot.rest(position)
+
+    @property
+    def resting(self) -> bool:
+        """Whether nothing moves and nothing is planned to."""
+        return bool(
+            (self.given == self.given[:, 2:]).all() and (self.plan == self.given[:, 2:]).all()
+        )
+
+    def ahead(self, knots: int) -> FloatArray:
+        """Progress (knots + 1,) of the plan before, going on at its pace."""
+        known = self.progress[: knots + 1]
+        more = np.arange(1, knots + 2 - len(known), dtype=np.float64)
+        return np.concatenate([known, known[-1] + more])
+
+    def solve(
+        self,
+        aims: Aims,
+        knots: int,
+        progress: FloatArray,
+        *,
+        paced: bool,
+        ends: bool = False,
+        exact: int = 0,
+        mode: Mode = Mode.HARD,
+        plan: FloatArray | None = None,
+        most: int | None = None,
+    ) -> Plan:
+        """The best plan of so many control points; ``ends``: that ends on ``aims.end``, or share 0.
+
+        ``progress`` (knots + 1,); ``paced``: it is chosen too. ``plan``: one that keeps the limits,
+        and is not longer; else the one before. With ``ends`` it is a guess. ``exact``: so many
+        goals are met to rounding, in mode HARD. At ``most`` so many iterations.
+        """
+        n, joints, goals = knots, len(self.velocity), len(aims.moment)
+        unit = self._unit[:, None]
+        plan = resized(self.plan if plan is None else plan, n)
+        end = aims.end - self.origin
+        tail = np.where(
+            np.arange(n) + 2.0 > (aims.moment[-1] if goals else 0.0),
+            1.0 if aims.ended else _TAIL,
+            0.0,
+        )
+        columns = [
+            np.ascontiguousarray(column, dtype=np.float64)
+            for column in (
+                self.given / unit,
+                plan / unit,
+                end / self._unit,
+                self._limits,
+                np.clip((aims.range - self.origin[:, None]) / unit, -_BOUNDS, _BOUNDS),
+                aims.moment,
+                aims.weight,
+                (aims.position - self.origin) / self._unit,
+                aims.slope / self._unit,
+                tail,
+                progress[1:],
+                np.arange(1.0, n + 1.0),
+            )
+        ]
+        direction = np.ascontiguousarray(aims.direction)
+        c = ffi.new("sj_horizon *")
+        (
+            c.before, c.plan, c.end, c.limits, c.range, c.moment, c.weight, c.goal, c.slope,
+            c.tail, c.progress, c.due,
+        ) = (ffi.from_buffer("double[]", column) for column in columns)  # fmt: skip
+        c.direction = ffi.from_buffer("int32_t[]", direction)
+        if aims.velocity is not None:
+            speed = np.ascontiguousarray(aims.velocity / self._unit)
+            c.speed, c.speed_weight = ffi.from_buffer("double[]", speed), _SPEED
+        c.joints, c.knots, c.goals, c.paced, c.ends, c.fresh = (
+            joints,
+            n,
+            goals,
+            paced,
+            ends,
+            mode is Mode.HARD,
+        )
+        c.strict, c.exact = mode is Mode.STRICT, exact if mode is Mode.HARD else 0
+        c.smooth, c.bend = self._smoothing, 5.0 / 24.0 / self.cycles**2
+        fastest = float((self.velocity / self._unit).max())
+        c.lag, c.trust, c.progress_before = _LAG * fastest * fastest, _TRUST, progress[0]
+        self._reserve(joints, n)
+        control, moved, share = np.empty((joints, n)), progress[1:].copy(), np.empty(joints)
+        result = ffi.new("sj_qp_result *")
+        lib.sj_horizon_plan(
+            c,
+            ffi.from_buffer("double[]", control),
+            ffi.from_buffer("double[]", moved),
+            ffi.from_buffer("double[]", share),
+            ffi.from_buffer("double[]", self._work),
+            ffi.from_buffer("int32_t[]", self._ints),
+            self._most if most is None else most,
+            result,
+        )
+        value = np.empty((goals, joints))
+        lib.sj_horizon_values(
+            c, ffi.from_buffer("double[]", control), ffi.from_buffer("double[]", value)
+        )
+        control *= unit
+        if ends:
+            control[:, -1] = end
+        stays = aims.range[:, 0] == aims.range[:, 1]
+        if stays.any():
+            control[stays] = plan[stays]
+        return Plan(
+            control,
+            np.concatenate([progress[:1], moved]),
+            share,
+            aims.moment,
+            value * self._unit - (aims.position - self.origin),
+            result.iterations,
+        )
+
+    def hand_out(self, plan: Plan | None) -> Followed:
+        """One knot more, of this plan, or of the one before."""
+        if plan is not None:
+            self.plan, self.progress = plan.control, plan.progress
+        control = np.concatenate([self.given, self.plan[:, :1]], axis=1)
+        self.given = control[:, 1:]
+        self.plan = self.plan[:, 1:] if self.plan.shape[1] > 1 else self.plan
+        one = self.ahead(1)
+        self.progress = np.append(self.progress[1:], one[1])[: max(1, len(self.progress) - 1)] - 1.0
+        c0, c1, c2 = self.given.T
+        h, e = self.cycles * self._T, 1.0 / self.cycles
+        jerk = (control[:, 3] - control[:, 0]) - 3.0 * (control[:, 2] - control[:, 1])
+        bend, slope = (c2 - c1) - (c1 - c0), (c2 - c0) / 2.0
+        sample = c1 + (bend / 6.0 - e * (slope / 2.0 - e * (bend / 3.0 - e * jerk / 8.0)))
+        position = self.origin + sample
+        there = (c0 == c1) & (c1 == c2) & (c2 == self.end - self.origin) & (jerk == 0.0)
+        position = np.where(there, self.end, position)
+        before = self.knot
+        self.knot = Knot(position, slope / h, bend / h**2, jerk / h**3)
+        self._move_along()
+        return self._followed(before, self.cycles, jerk / h**3)
+
+    def remainder(self, names: tuple[str, ...], first: int, cycle: int) -> list[Followed]:
+        """The plan to rest, without handing it out."""
+        kept = dict(vars(self))
+        found = []
+        while not (self.resting and not self.knot.moving):
+            made = self.settle(1) if self.resting else self.hand_out(None)
+            found.append(numbered(made, names, first, cycle))
+            first, cycle = first + 1, cycle + int(made.cycles[0])
+        vars(self).update(kept)
+        return found
+
+    def settle(self, cycles: int) -> Followed:
+        """Stay for so many cycles; the sample is settled after the first one."""
+        before = self.knot
+        at = self.origin + self.given[:, 2]
+        at = np.where(self.given[:, 2] == self.end - self.origin, self.end, at)
+        self.knot = Knot.rest(at)
+        self.progress = np.zeros(1)
+        self.rest(at)
+        return self._followed(before, cycles, np.zeros(len(at)))
+
+    def _followed(self, before: Knot, cycles: int, jerk: FloatArray) -> Followed:
+        jerks = np.zeros((1, PHASES, len(jerk)))
+        jerks[0, 0] = jerk
+        knot = self.knot
+        return Followed(
+            tuple(f"joint{k}" for k in range(len(jerk))),
+            self._T,
+            0,
+            0,
+            np.array([cycles]),
+            np.zeros(1, dtype=np.int64),
+            np.array([[cycles, 0, 0, 0]]),
+            jerks,
+            np.array([before.position, knot.position]),
+            np.array([before.velocity, knot.velocity]),
+            np.array([before.acceleration, knot.acceleration]),
+            np.array([before.last_jerk, knot.last_jerk]),
+        )
+
+    def _move_along(self) -> None:
+        """Keep control points near the origin, so that their differences stay as fine far out."""
+        far = np.abs(self.given[:, 2]) > _FAR * self.velocity
+        if not far.any():
+            return
+        moved = np.where(far, self.origin + self.given[:, 2], self.origin)
+        way = (moved - self.origin)[:, None]
+        self.origin, self.given, self.plan = moved, self.given - way, self.plan - way
+
+    def _reserve(self, joints: int, knots: int) -> None:
+        if joints > self._size[0] or knots > self._size[1]:
+            self._size = joints, max(knots, 2 * self._size[1])
+            self._work = np.empty(lib.sj_horizon_doubles(*self._size))
+            self._ints = np.empty(lib.sj_horizon_ints(*self._size), dtype=np.int32)
+
+
+def resized(plan: FloatArray, knots: int) -> FloatArray:
+    """So many control points (N, knots) of a plan, the last of which are equal."""
+    more = max(0, knots - plan.shape[1])
+    return np.concatenate([plan[:, :knots], np.repeat(plan[:, -1:], more, axis=1)], axis=1)
+
+
+def numbered(motion: Followed, names: tuple[str, ...], first: int, cycle: int) -> Followed:
+    """A block as it stands in a stream."""
+    return replace(motion, joint_names=names, first=first, first_cycle=cycle)
