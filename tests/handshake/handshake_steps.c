@@ -26,6 +26,7 @@ static ucontext_t director, side[2];
 static char stack[2][STACK];
 static uint8_t *base, *blank;
 static uint64_t size, runs, kills, last, published[2], cursor, missed, seen;
+static uint64_t life, slot_now, begun[MOST], ended[MOST], stopped, kernels;  /* stops: of each life of the host */
 static const char *protocol;
 
 static void violation(const char *what)
@@ -76,6 +77,23 @@ int __tsan_atomic32_compare_exchange_weak(volatile uint32_t *p, uint32_t *expect
     if (*p == *expected) { *p = v; return 1; }
     *expected = *p;
     return 0;
+}
+
+uint64_t __tsan_atomic64_fetch_or(volatile uint64_t *p, uint64_t v, int order)
+{
+    (void)order;
+    step();
+    const uint64_t old = *p;
+    *p = old | v;
+    return old;
+}
+uint64_t __tsan_atomic64_exchange(volatile uint64_t *p, uint64_t v, int order)
+{
+    (void)order;
+    step();
+    const uint64_t old = *p;
+    *p = v;
+    return old;
 }
 
 /* ---- what each side does --------------------------------------------------------------------- */
@@ -132,11 +150,41 @@ static void check_event(void)
     if (in.number != cursor || seen + missed != cursor) violation("gap counted wrongly");
 }
 
+/* Each request is of an axis of its own, so that each can be told from the others. */
+static void check_stops(void)
+{
+    sj_stop stop;
+    for (uint32_t index = 0; index < 2; index++) {
+        if (!sj_stop_take(base, index, &stop)) continue;
+        const uint64_t axes = stop.halts | stop.quick_stops;
+        if (axes == 0 || stop.pid == 0 || stop.pid > life + 1) violation("a stop of nobody");
+        if (axes & ~begun[stop.pid - 1]) violation("not asked by who is told");
+        if (stop.quick_stops & 0xAAAAAAAAAAAAAAAAULL || stop.halts & 0x5555555555555555ULL) violation("mixed up");
+        if (axes & stopped) violation("doubled");
+        stopped |= axes;
+    }
+}
+
+static void ask_stops(void)
+{
+    slot_now = sj_stop_claim(base, 0, life + 1) ? 0 : 1;
+    if (slot_now == 1 && !sj_stop_claim(base, 1, life + 1)) return;
+    for (int i = 0; i < 4; i++) {
+        const uint64_t axis = 1ULL << (8 * life + (uint64_t)i);
+        begun[life] |= axis;
+        sj_stop_request(base, (uint32_t)slot_now, i % 2 ? axis : 0, i % 2 ? 0 : axis);
+        ended[life] |= axis;
+    }
+}
+
 static item make(uint64_t number) { return (item){ number, number * 3 }; }
 
 static void host(void)
 {
-    if (restart[HOST]) sj_shm_begin_host(base, 1, 0);
+    if (restart[HOST]) {
+        sj_shm_begin_host(base, 1, 0);
+        life++;
+    }
     restart[HOST] = 0;
     if (protocol[0] == 'c') {
         for (int i = 0; i < 2; i++) {
@@ -153,6 +201,8 @@ static void host(void)
             if (i == 2) sj_ring_flush(base);
             sj_ring_publish(base, out, i == 0 ? 2 : 1);
         }
+    } else if (protocol[0] == 's') {
+        ask_stops();
     } else {
         for (int i = 0; i < 3; i++) protocol[0] == 'f' ? check_feedback() : check_event();
     }
@@ -163,11 +213,15 @@ static void host(void)
 
 static void kernel(void)
 {
-    if (restart[KERNEL]) sj_shm_begin_kernel(base, 0);
+    if (restart[KERNEL]) {
+        kernels++;
+        sj_shm_begin_kernel(base, 0);
+    }
     restart[KERNEL] = 0;
     for (int i = 0; i < 3; i++) {
         if (protocol[0] == 'c') check_command();
         else if (protocol[0] == 'r') check_ring();
+        else if (protocol[0] == 's') check_stops();
     }
     const int frames = protocol[0] == 'f' ? SJ_SHM_FEEDBACK_SLOTS + 2 : 6;
     for (int i = 0; i < frames; i++) {
@@ -200,6 +254,9 @@ static int run(void)
     memcpy(base, blank, size);
     next = at = now = 0;
     last = cursor = missed = seen = published[0] = 0;
+    life = stopped = kernels = 0;
+    memset(begun, 0, sizeof begun);
+    memset(ended, 0, sizeof ended);
     memset(done, 0, sizeof done);
     memset(restart, 0, sizeof restart);
     prepare(HOST);
@@ -218,6 +275,11 @@ static int run(void)
     } else if (protocol[0] == 'r') {
         for (int i = 0; i < 4; i++) check_ring();
         if (sj_ring_taken(base) != sj_ring_published(base)) violation("stuck");
+    } else if (protocol[0] == 's') {
+        check_stops();
+        for (uint64_t i = 0; i <= life && kernels == 0; i++)
+            if (ended[i] & ~stopped) violation("lost");
+        if (sj_stop_waits(base, 0) || sj_stop_waits(base, 1)) violation("stuck");
     } else if (protocol[0] == 'f') {
         check_feedback();
     } else {

@@ -471,7 +471,12 @@ def test_a_recording_that_begins_later_or_lacks_a_command_is_refused() -> None:
 
     def only(frames: np.ndarray, commands: np.ndarray) -> Recording:
         part = type(whole)(
-            frames, np.zeros(len(frames), np.uint64), commands, whole.records, whole.events
+            frames,
+            np.zeros(len(frames), np.uint64),
+            commands,
+            whole.records,
+            whole.events,
+            whole.stops,
         )
         return Recording(found.description, lambda: iter((part,)))
 

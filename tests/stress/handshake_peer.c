@@ -281,6 +281,14 @@ static void *kernel(void *a)
             add(r, GOT, 1);
         }
         if (sj_ring_take(base, in) == 1 && !whole(in, RECORD)) add(r, TORN, 1);
+        for (uint32_t slot = 0; slot < 2; slot++) {
+            sj_stop stop;
+            if (!sj_stop_take(base, slot, &stop)) continue;
+            /* a request of two sets is two operations: either may come first, never a part of one */
+            if (stop.halts != 0 && stop.halts != stop.pid) add(r, TORN, 1);
+            if (stop.quick_stops != 0 && stop.quick_stops != ~stop.pid) add(r, TORN, 1);
+            add(r, DOUBLED, 1);             /* counts the stops here */
+        }
         fill(out, WORDS, sj_feedback_latest(base) + 1, 0);
         sj_feedback_publish(base, out);
         fill(event, RECORD, sj_event_latest(base) + 1, 0);
@@ -292,6 +300,19 @@ static void *kernel(void *a)
     }
     return NULL;
 }
+/* Two processes that stop beside the host, each in a slot of its own, and one of them in turns. */
+static void *stopper(void *a)
+{
+    uint64_t *r = a;
+    const uint32_t slot = r == counts[5] ? 0 : 1;
+    for (uint64_t turn = 1; !get(r, STOP); turn++) {
+        if (!sj_stop_claim(base, slot, turn)) continue;
+        set(r, LAST, turn);
+        sj_stop_request(base, slot, turn, ~turn);
+        add(r, SENT, 1);
+    }
+    return NULL;
+}
 static void *monitor(void *a) { peer_monitor(base, a); return NULL; }
 static void *listener(void *a) { peer_listener(base, a, UINT64_MAX); return NULL; }
 
@@ -299,26 +320,27 @@ int main(int argc, char **argv)
 {
     const sj_shm_config config = { WORDS * 8, WORDS * 8, RECORD * 8, 16, RECORD * 8, 16, 1 };
     const uint64_t size = sj_shm_size(&config);
-    void *(*const jobs[])(void *) = { host, kernel, monitor, monitor, listener };
-    pthread_t threads[5];
+    void *(*const jobs[])(void *) = { host, kernel, monitor, monitor, listener, stopper, stopper };
+    enum { THREADS = sizeof jobs / sizeof *jobs };
+    pthread_t threads[THREADS];
     most = argc > 1 ? strtoull(argv[1], NULL, 10) : 20000;
     base = aligned_alloc(4096, size);
     if (!base || sj_shm_format(base, size, &config) != 0) return 2;
     sj_shm_begin_kernel(base, 0);
     sj_shm_begin_host(base, 1, 0);
-    for (int i = 0; i < 5; i++)
+    for (int i = 0; i < THREADS; i++)
         if (pthread_create(&threads[i], NULL, jobs[i], counts[i])) return 2;
     pthread_join(threads[0], NULL);
-    for (int i = 1; i < 5; i++) set(counts[i], STOP, 1);
-    for (int i = 1; i < 5; i++) pthread_join(threads[i], NULL);
+    for (int i = 1; i < THREADS; i++) set(counts[i], STOP, 1);
+    for (int i = 1; i < THREADS; i++) pthread_join(threads[i], NULL);
     uint64_t wrong = 0;
-    for (int i = 0; i < 5; i++)
+    for (int i = 0; i < THREADS; i++)
         wrong += counts[i][TORN] + counts[i][CORRUPT] + counts[i][BACKWARDS] + counts[i][WRONG];
-    printf("sent %llu cycles %llu collected %llu frames %llu events %llu missed %llu wrong %llu\n",
+    printf("sent %llu cycles %llu collected %llu frames %llu events %llu missed %llu stops %llu wrong %llu\n",
            (unsigned long long)counts[0][SENT], (unsigned long long)counts[1][CYCLES],
            (unsigned long long)counts[1][GOT], (unsigned long long)(counts[2][GOT] + counts[3][GOT]),
            (unsigned long long)counts[4][GOT], (unsigned long long)counts[4][MISSED],
-           (unsigned long long)wrong);
+           (unsigned long long)counts[1][DOUBLED], (unsigned long long)wrong);
     return wrong != 0;
 }
 #endif

@@ -172,7 +172,8 @@ int32_t sj_axis_judge(const sj_axis *ax, const sj_axis_goal *goal)
     if (goal->kind < SJ_GOAL_ABSOLUTE || goal->kind > SJ_GOAL_HOME)
         return SJ_RESULT_RANGE;
     if (sj_axis_next(ax->state, sj_axis_trigger_of(goal)) < 0)
-        return ax->following || ax->error || ax->homing ? SJ_RESULT_STATE : SJ_RESULT_NOT_FOLLOWING;
+        return ax->following || ax->error || ax->state == SJ_AXIS_HOMING ? SJ_RESULT_STATE
+                                                                          : SJ_RESULT_NOT_FOLLOWING;
     if (!ax->following || !ax->enable)
         return SJ_RESULT_NOT_FOLLOWING;
     return goal->kind == SJ_GOAL_HOME ? SJ_RESULT_ACCEPTED : sj_axis_possible(ax, goal);

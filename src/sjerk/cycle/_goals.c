@@ -184,6 +184,12 @@ void sj_goal_reached(sj_kernel *kernel, int32_t axis)
     }
 }
 
+void sj_goal_homed(sj_kernel *kernel, int32_t axis)
+{
+    kernel->axis[axis].reached = 1;
+    report_reached(kernel, &kernel->axis[axis]);
+}
+
 /* Two axes by turns, to a goal that needs all phases; into kernel->plan and trial, which nothing
  * reads between cycles. */
 void sj_goal_rehearse(sj_kernel *kernel)

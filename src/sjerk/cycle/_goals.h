@@ -24,5 +24,7 @@ int32_t sj_goal_plan(sj_kernel *kernel, sj_goal_set *set, int32_t line);
 int32_t sj_goal_begin(sj_kernel *kernel, sj_goal_set *set);
 /* An axis that has reached its goal with a velocity goes on, and to rest at a position limit. */
 void sj_goal_reached(sj_kernel *kernel, int32_t axis);
+/* An axis that has been homed and follows again. */
+void sj_goal_homed(sj_kernel *kernel, int32_t axis);
 /* Between cycles: a plan that nothing uses, so that the planner is in the caches when it is needed. */
 void sj_goal_rehearse(sj_kernel *kernel);

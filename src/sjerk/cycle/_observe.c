@@ -7,6 +7,7 @@
 #include <math.h>   /* fabs, isinf */
 #include <stdint.h>
 #include "cycle/_events.h"
+#include "cycle/_goals.h"
 #include "cycle/_inputs.h"
 #include "cycle/_lookahead.h"
 #include "cycle/_motion.h"
@@ -27,16 +28,32 @@ static void anchor(sj_axis *ax)
     ax->held = ax->reached = ax->blends = 0;
 }
 
+/* Until a reset, as after any fault; those that home with it stop whatever the reaction is. */
+static void homing_failed(sj_kernel *kernel, int32_t i)
+{
+    sj_axis *ax = &kernel->axis[i];
+    uint64_t others = all_axes(kernel) & ~axis_bit(i), with_it = 0;
+    for (int32_t k = 0; k < kernel->axes; k++)
+        if (k != i && kernel->axis[k].goal_id == ax->goal_id)
+            with_it |= axis_bit(k);
+    sj_events_report(kernel, SJ_EVENT_FAULT, i, -1, 0.0);
+    ax->error = 1;
+    sj_events_trigger(kernel, i, SJ_TRIGGER_FAULT);
+    sj_lookahead_stop(kernel, axis_bit(i) | with_it);
+    sj_react_stop_homing(kernel, with_it);
+    sj_react(kernel, SJ_CAUSE_DRIVE_FAULT, others);
+}
+
 static void observe_homing(sj_kernel *kernel, int32_t i)
 {
     sj_axis *ax = &kernel->axis[i];
     int32_t outcome = sj_master_homing(&kernel->tx[i]);
     if (ax->homing <= HOMING_SETTLES || outcome == 0)
         return;
-    if (outcome < 0)
-        sj_events_report(kernel, SJ_EVENT_FAULT, i, -1, 0.0);
-    ax->reached = outcome > 0;
     ax->homing = 0;
+    ax->homed = outcome > 0; /* not done before it follows again: until then no goal can be taken */
+    if (outcome < 0)
+        homing_failed(kernel, i);
 }
 
 /* Whether the drive follows the command. An enabled one that lets bit 12 fall for a few cycles at speed
@@ -65,18 +82,19 @@ static void observe(sj_kernel *kernel, int32_t i)
     uint32_t change = (uint32_t)tx->position_actual - (uint32_t)ax->actual_counts;
     int32_t followed = ax->following, stale = ax->config.external && kernel->stale[i];
     int32_t fault = sj_master_fault(tx->statusword) || stale;
-    int32_t homed = ax->reached && ax->state == SJ_AXIS_HOMING;
 
     ax->actual_counts += (int32_t)change;
     ax->following = follows(ax, tx, stale);
     ax->drive_stop |= stale && sj_master_enabled(tx->statusword); /* it may still hear us */
     if (!ax->following) {
-        if (followed)
+        if (followed && !ax->homing) /* what waits behind a homing waits on */
             sj_lookahead_stop(kernel, axis_bit(i));
         if (followed && axis_moving(ax))
             sj_events_report(kernel, SJ_EVENT_ANCHOR, i, tx->statusword, 0.0);
         anchor(ax);
-        ax->reached = homed;
+    } else if (ax->homed) {
+        ax->homed = 0;
+        sj_goal_homed(kernel, i);
     }
     if (ax->drive_stop && !sj_master_enabled(tx->statusword) && !sj_master_stopping(tx->statusword))
         ax->drive_stop = 0;
@@ -88,7 +106,7 @@ static void observe(sj_kernel *kernel, int32_t i)
         sj_events_report(kernel, lost ? SJ_EVENT_SYNC : SJ_EVENT_FAULT, i, stale ? 0 : tx->error_code,
                       0.0);
         sj_events_trigger(kernel, i, SJ_TRIGGER_FAULT);
-        ax->homing = 0;
+        ax->homing = ax->homed = 0;
         sj_react(kernel, lost ? SJ_CAUSE_SYNC_LOST : SJ_CAUSE_DRIVE_FAULT,
                        all_axes(kernel) & ~axis_bit(i));
     }
@@ -96,8 +114,10 @@ static void observe(sj_kernel *kernel, int32_t i)
         sj_events_trigger(kernel, i, SJ_TRIGGER_RESET);
     if (ax->following && ax->state == SJ_AXIS_DISABLED)
         sj_events_trigger(kernel, i, SJ_TRIGGER_POWER_ON);
-    if (!ax->following && !(ax->state == SJ_AXIS_HOMING && sj_master_enabled(tx->statusword)))
+    if (!ax->following && !(ax->state == SJ_AXIS_HOMING && sj_master_enabled(tx->statusword))) {
         sj_events_trigger(kernel, i, SJ_TRIGGER_POWER_OFF);
+        ax->homing = ax->homed = 0; /* else it would begin anew with its power */
+    }
     if (ax->following && !ax->homing && !axis_moving(ax) && !ax->held &&
         ax->state > SJ_AXIS_STANDSTILL)
         sj_events_trigger(kernel, i, SJ_TRIGGER_DONE);

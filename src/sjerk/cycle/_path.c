@@ -24,7 +24,8 @@ static int32_t judge(const sj_kernel *kernel, const sj_record *record, int32_t a
 {
     const sj_axis *ax = &kernel->axis[axis];
     if (sj_axis_next(ax->state, SJ_TRIGGER_SYNCHRONIZE) < 0)
-        return ax->following || ax->error || ax->homing ? SJ_RESULT_STATE : SJ_RESULT_NOT_FOLLOWING;
+        return ax->following || ax->error || ax->state == SJ_AXIS_HOMING ? SJ_RESULT_STATE
+                                                                          : SJ_RESULT_NOT_FOLLOWING;
     if (!ax->following || !ax->enable)
         return SJ_RESULT_NOT_FOLLOWING;
     if (!(fabs(record->axis[axis].position - ax->interpolator.q.hi) <=

@@ -45,7 +45,9 @@ enum sj_event_kind {
     SJ_EVENT_PATH = 9,                  /* code: new enum sj_path_state, value: next way-point */
     SJ_EVENT_REACHED = 10,              /* all axes are on the goal of goal_id, in this frame */
     SJ_EVENT_SYNC = 11,                 /* the axis lost its master; code: 603Fh, 0: its image is stale */
-    SJ_EVENTS = 12
+    SJ_EVENT_STOP = 12,                 /* asked beside the host; code: enum sj_reaction, value: the
+                                           process that asked, 0: not known */
+    SJ_EVENTS = 13
 };
 
 enum sj_cause {                         /* what a kernel can react to */

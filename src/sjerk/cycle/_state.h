@@ -44,8 +44,10 @@ typedef struct {
     int32_t reset;                      /* cycles left of a fault reset's edge */
     int32_t homing;                     /* cycles since the order, 0 = none */
     int32_t resting, still;             /* cycles since the command, the motor came to rest */
+    int32_t homed;                      /* 1: at its home, and does not follow again yet */
     int32_t unfollowed;                 /* cycles in which an enabled drive has not followed */
     int32_t drive_stop;                 /* 1: the drive's own quick stop; the planner could not */
+    int32_t reserved;
     uint32_t halts, quick_stops, resets, limit_sets;
 } sj_axis;
 

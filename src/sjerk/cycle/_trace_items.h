@@ -10,7 +10,8 @@ enum sj_trace_kind {
     SJ_TRACE_FRAME = 0,                 /* sj_trace_frame */
     SJ_TRACE_COMMAND = 1,               /* a command as it was taken */
     SJ_TRACE_EVENT = 2,                 /* sj_kernel_event */
-    SJ_TRACE_RECORD = 3                 /* a record of the ring as it was taken */
+    SJ_TRACE_RECORD = 3,                /* a record of the ring as it was taken */
+    SJ_TRACE_STOP = 4                   /* sj_stop as it was taken; number: its slot */
 };
 
 enum sj_trace_flag {
@@ -64,7 +65,7 @@ typedef struct {
 
 typedef struct {
     sj_trace_head head;
-    uint64_t payload[1100];             /* command, record or event, as its bytes */
+    uint64_t payload[1100];             /* command, record, stop or event, as its bytes */
 } sj_trace_message;
 
 typedef union {
@@ -81,7 +82,7 @@ typedef struct {
 /* What a cycle of a replay is given instead of the segment; then its frame must come out. */
 typedef struct {
     const sj_trace_frame *frame;        /* as recorded, or NULL: no replay */
-    sj_trace_rows commands, records;    /* to come */
+    sj_trace_rows commands, records, stops;     /* to come */
 } sj_trace_given;
 
 uint64_t sj_trace_frame_bytes(int32_t axes);

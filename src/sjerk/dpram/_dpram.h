@@ -13,7 +13,7 @@ typedef struct {
     uint64_t abi;                       /* hash of the payload layouts, given by the caller */
 } sj_shm_config;
 
-enum { SJ_SHM_MAJOR = 1, SJ_SHM_MINOR = 0, SJ_SHM_PAGE = 4096 };
+enum { SJ_SHM_MAJOR = 2, SJ_SHM_MINOR = 0, SJ_SHM_PAGE = 4096 };
 
 enum sj_shm_status {
     SJ_SHM_OK = 0,
@@ -44,10 +44,18 @@ enum sj_shm_offset {
     SJ_SHM_HOST = 4096,                 /* written by the host */
     SJ_SHM_COMMAND = 8192,              /* the one word that both sides write */
     SJ_SHM_KERNEL = 12288,              /* written by the kernel */
-    SJ_SHM_SLOTS = 16384                /* command, feedback, ring, events; each on its own pages */
+    SJ_SHM_STOPS = 16384,               /* requests of any process */
+    SJ_SHM_SLOTS = 20480                /* command, feedback, ring, events; each on its own pages */
 };
 
-enum { SJ_SHM_FEEDBACK_SLOTS = 8, SJ_SHM_COLLECT_TRIES = 4, SJ_SHM_READ_TRIES = 64 };
+enum { SJ_SHM_FEEDBACK_SLOTS = 8, SJ_SHM_COLLECT_TRIES = 4, SJ_SHM_READ_TRIES = 64,
+       SJ_STOP_SLOTS = 33 };            /* the last one is shared by all who find no other */
+
+/* What one process asks to be stopped: bit n is axis n. */
+typedef struct {
+    uint64_t halts, quick_stops;
+    uint64_t pid;                       /* 0: not known, one of those that share the last slot */
+} sj_stop;
 
 /* The segment. */
 uint64_t sj_shm_size(const sj_shm_config *config);   /* bytes; 0 if the config is out of range */
@@ -79,6 +87,13 @@ int32_t sj_command_collect(void *base, void *command);
 uint64_t sj_command_published(const void *base);     /* commands begun since creation */
 uint64_t sj_command_collected(const void *base);     /* number of the newest command the kernel took */
 
+/* Stop requests: any process to the kernel, at once, beside the host. Claim, under the lock of the slot: 1,
+ * or 0 while a request of the slot's last process waits to be taken. Take, in the cycle: 1 a stop, 0 none. */
+int32_t sj_stop_claim(void *base, uint32_t index, uint64_t pid);
+void sj_stop_request(void *base, uint32_t index, uint64_t halts, uint64_t quick_stops);
+int32_t sj_stop_waits(const void *base, uint32_t index);    /* 1: not taken yet */
+int32_t sj_stop_take(void *base, uint32_t index, sj_stop *stop);
+
 /* Feedback: kernel to many, latest value. Read: 1 a frame and its number, 0 nothing published yet. */
 void sj_feedback_publish(void *base, const void *feedback);
 int32_t sj_feedback_read(const void *base, void *feedback, uint64_t *sequence);
@@ -104,6 +119,7 @@ uint64_t sj_event_latest(const void *base);
 
 uint64_t sj_shm_host_left(const void *base);         /* the last host epoch that ended in order */
 uint64_t sj_shm_addressed(const void *base);
+void sj_stop_clear(void *base);         /* a new kernel: what was asked of the one before */
 void sj_shm_beat_kernel(void *base, uint64_t now_ns);
 /* Kernel side, just before a cycle: what its exchanges touch, into the caches. */
 void sj_shm_warm(const void *base);

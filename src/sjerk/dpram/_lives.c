@@ -20,6 +20,7 @@ uint64_t sj_shm_begin_kernel(void *base, uint64_t now_ns)
         store(&k->discarded, load(&k->discarded) + (head - tail));
         release(&k->tail, head);
     }
+    sj_stop_clear(base);
     store(&k->host_note, 0);
     store(&k->beat_ns, now_ns);
     release(&k->epoch, epoch);

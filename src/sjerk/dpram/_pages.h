@@ -1,10 +1,11 @@
 /* The dual-port RAM: one memory segment between a host and a motion kernel, two programs that may die at
  * any moment, at any line. Here is its layout, byte by byte, and the atomic words it is made of.
  *
- * Four exchanges lie in it, each for one need: the command (the newest one counts, _command.c), the
- * ring (every record counts, in order, _ring.c), the feedback (the newest frame, for any reader,
- * _feedback.c), the events (a slow reader loses the oldest and knows how many, _events.c). _lives.c
- * holds who is there, _segment.c makes the memory and checks it, _slots.c moves payloads.
+ * Five exchanges lie in it, each for one need: the command (the newest one counts, _command.c), the
+ * ring (every record counts, in order, _ring.c), stop requests (of any process, _stops.c), the feedback
+ * (the newest frame, for any reader, _feedback.c), the events (a slow reader loses the oldest and
+ * knows how many, _events.c). _lives.c holds who is there, _segment.c makes the memory and checks it,
+ * _slots.c moves payloads.
  *
  *   byte 0      +---------------------+
  *               | header              |  written once by the creator; `ready` last
@@ -15,6 +16,8 @@
  *   12288       +---------------------+
  *               | kernel page         |  written by the kernel: epoch, heartbeat, ring tail, counts
  *   16384       +---------------------+
+ *               | stop requests       |  a slot for each process that stops, written by it and the kernel
+ *   20480       +---------------------+
  *               | command slots 0 1 2 |  written by the host, in slot w only
  *               +---------------------+
  *               | feedback slots 0..7 |  written by the kernel, frame n in slot n mod 8
@@ -25,7 +28,7 @@
  *               +---------------------+
  *
  * Three rules make it hold. Pages have one owner, so that no cache line is written by two sides, except
- * the one word. A slot is a stamp of 64 bytes and the payload, together a multiple of 64; a reader
+ * the command word and the stop requests. A slot is a stamp of 64 bytes and the payload, together a multiple of 64; a reader
  * compares the stamp, so nothing torn is taken for whole. And counters that must survive
  * the death of their writer live in the segment, not in the writer: a restarted side goes on where
  * its predecessor published last, and overwrites what that one left half-written.
@@ -87,6 +90,13 @@ typedef struct {
     word events;                        /* events published */
 } kernel_page;
 
+/* A cache line each. The page has other writers than the kernel's, but only while they stop it. */
+typedef struct {
+    word halts, quick_stops;            /* bit n: axis n; the kernel takes them out */
+    word pid;                           /* of the process that has the slot, for messages only */
+    uint8_t pad[40];
+} stop_slot;
+
 /* The stamp of a slot. The checksum covers the other four words and the payload. */
 typedef struct {
     word number;                        /* 1, 2, ...; 0 while a latch slot is being written */
@@ -112,6 +122,7 @@ _Static_assert(offsetof(kernel_page, collected) == 256, "kernel: command number"
 _Static_assert(offsetof(kernel_page, tail) == 384, "kernel: ring tail");
 _Static_assert(offsetof(kernel_page, feedback) == 512, "kernel: frames");
 _Static_assert(offsetof(kernel_page, events) == 640, "kernel: events");
+_Static_assert(sizeof(stop_slot) == 64 && SJ_STOP_SLOTS * sizeof(stop_slot) <= SJ_SHM_PAGE, "stops");
 _Static_assert(sizeof(stamp) == 64 && offsetof(stamp, checksum) == 24, "stamp");
 _Static_assert(sizeof(header_page) <= SJ_SHM_PAGE && sizeof(host_page) <= SJ_SHM_PAGE &&
                sizeof(kernel_page) <= SJ_SHM_PAGE, "one page each");

@@ -119,6 +119,7 @@ void sj_shm_warm(const void *base)
     fetch(h, sizeof *h);
     fetch(k, sizeof *k);
     fetch((const uint8_t *)base + SJ_SHM_COMMAND, sizeof(command_page));
+    fetch((const uint8_t *)base + SJ_SHM_STOPS, SJ_STOP_SLOTS * sizeof(stop_slot));
     fetch(slot_of(base, page->feedback, page->config.feedback_bytes, index),
           sizeof(stamp) + page->config.feedback_bytes);
 }

@@ -14,7 +14,7 @@ void     sj_virtual_run(sj_kernel *kernel, int64_t cycles, uint64_t now_ns, uint
  * frame is in kernel->item. */
 int64_t  sj_virtual_replay(sj_kernel *kernel, int64_t cycles, const void *frames,
                            int64_t command_count, const void *commands, int64_t record_count,
-                           const void *records);
+                           const void *records, int64_t stop_count, const void *stops);
 
 /* Ask the system for what `options` says, for the calling thread; `report` says what it gave. */
 void     sj_clock_prepare(const sj_kernel *kernel, uint64_t bytes, const sj_clock_options *options,

@@ -209,3 +209,8 @@ class Recording:
     def records(self) -> NDArray[Any]:
         """Records of the ring as they were taken: ``cycle``, ``number``, ``data``."""
         return self.all.records
+
+    @property
+    def stops(self) -> NDArray[Any]:
+        """Stops that processes beside the host asked for: ``cycle``, ``number``, ``data``."""
+        return self.all.stops
