@@ -3,7 +3,7 @@
  * Edges are counters: each is acted on once, whatever was overwritten in between. A stop, whoever
  * asked for it, wins over a goal that came in the same cycle. Never here: how a goal is planned, who stops with whom, memory.
  */
-#include <math.h>   /* isfinite */
+#include <math.h> /* isfinite */
 #include <stddef.h>
 #include <stdint.h>
 #include <string.h> /* memcmp of limits, memcpy of a command */

@@ -7,13 +7,13 @@
 typedef struct {
     uint64_t id;
     int64_t least_cycles;
-    int32_t synchronization;            /* as asked, */
-    int32_t planned;                    /* as planned: enum sj_synchronization */
+    int32_t synchronization; /* as asked, */
+    int32_t planned;         /* as planned: enum sj_synchronization */
     int32_t n;
-    int32_t refused;                    /* axis, or -1 */
+    int32_t refused; /* axis, or -1 */
     int32_t axes[SJ_AXES];
-    sj_axis_goal goal[SJ_AXES];         /* of axes[i] */
-    double distance[SJ_AXES];           /* planned for axes[i] */
+    sj_axis_goal goal[SJ_AXES]; /* of axes[i] */
+    double distance[SJ_AXES];   /* planned for axes[i] */
 } sj_goal_set;
 
 /* Plans into kernel->plan and trial, nothing else: enum sj_result. line: the axes are

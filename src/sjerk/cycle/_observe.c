@@ -4,7 +4,7 @@
  * While a drive does not follow, the commanded position is the actual one. Never here: what a reaction
  * does (_reactions.c), bit masks of drives, time.
  */
-#include <math.h>   /* fabs, isinf */
+#include <math.h> /* fabs, isinf */
 #include <stdint.h>
 #include "cycle/_events.h"
 #include "cycle/_goals.h"
@@ -15,7 +15,7 @@
 #include "cycle/_reactions.h"
 #include "dpram/_dpram.h"
 
-enum { PATIENCE = 3 };                  /* cycles without bit 12 that are no stop */
+enum { PATIENCE = 3 }; /* cycles without bit 12 that are no stop */
 
 /* ---- drives ---- */
 
@@ -103,12 +103,12 @@ static void observe(sj_kernel *kernel, int32_t i)
     ax->error |= stale; /* its drive may go on as if nothing had been: until a reset */
     if (fault && ax->state != SJ_AXIS_ERROR_STOP) {
         int32_t lost = stale || sj_master_lost(tx->error_code);
-        sj_events_report(kernel, lost ? SJ_EVENT_SYNC : SJ_EVENT_FAULT, i, stale ? 0 : tx->error_code,
-                      0.0);
+        sj_events_report(kernel, lost ? SJ_EVENT_SYNC : SJ_EVENT_FAULT, i,
+                         stale ? 0 : tx->error_code, 0.0);
         sj_events_trigger(kernel, i, SJ_TRIGGER_FAULT);
         ax->homing = ax->homed = 0;
         sj_react(kernel, lost ? SJ_CAUSE_SYNC_LOST : SJ_CAUSE_DRIVE_FAULT,
-                       all_axes(kernel) & ~axis_bit(i));
+                 all_axes(kernel) & ~axis_bit(i));
     }
     if (!fault && !ax->error && ax->state == SJ_AXIS_ERROR_STOP)
         sj_events_trigger(kernel, i, SJ_TRIGGER_RESET);
@@ -162,7 +162,8 @@ void sj_observe_rest(sj_kernel *kernel, uint64_t now_ns)
         kernel->host_state = host;
     }
     if (kernel->feedback.late != kernel->late) {
-        sj_events_report(kernel, SJ_EVENT_LATE, -1, 0, (double)(kernel->feedback.late - kernel->late));
+        sj_events_report(kernel, SJ_EVENT_LATE, -1, 0,
+                         (double)(kernel->feedback.late - kernel->late));
         kernel->late = kernel->feedback.late;
         sj_react(kernel, SJ_CAUSE_OVERRUN, all_axes(kernel));
     }

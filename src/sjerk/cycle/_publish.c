@@ -2,7 +2,7 @@
  *
  * Never here: decisions, the trace's frame (_trace.c).
  */
-#include <math.h>   /* fabs */
+#include <math.h> /* fabs */
 #include <stdint.h>
 #include "cycle/_motion.h"
 #include "cycle/_publish.h"

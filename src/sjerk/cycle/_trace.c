@@ -89,7 +89,8 @@ int64_t sj_trace_drain(const void *segment, uint64_t *cursor, uint64_t *missed, 
     if (sj_shm_read_config(segment, UINT64_MAX, &config) != SJ_SHM_OK)
         return 0;
     for (bytes = config.event_bytes; n < room && *missed == before; n++) {
-        int32_t status = sj_event_read(segment, cursor, (uint8_t *)items + (uint64_t)n * bytes, missed);
+        int32_t status =
+            sj_event_read(segment, cursor, (uint8_t *)items + (uint64_t)n * bytes, missed);
         if (status == 0)
             break;
         if (status < 0)

@@ -38,35 +38,35 @@
  * system call, an allocation. Every function works as well on plain private memory.
  */
 #pragma once
-#include <stdatomic.h>                  /* its only use next to the end flag of _clock.c */
-#include <stddef.h>                     /* offsetof */
-#include <stdint.h>                     /* fixed widths */
-#include "dpram/_dpram.h"               /* the contract */
+#include <stdatomic.h>    /* its only use next to the end flag of _clock.c */
+#include <stddef.h>       /* offsetof */
+#include <stdint.h>       /* fixed widths */
+#include "dpram/_dpram.h" /* the contract */
 
-typedef _Atomic uint64_t word;          /* shared memory is touched in whole words only */
+typedef _Atomic uint64_t word; /* shared memory is touched in whole words only */
 
 typedef struct {
     uint8_t magic[8];
     uint32_t major, minor;
     sj_shm_config config;
-    uint64_t size, command, feedback, ring, events;  /* bytes in all; where the slots begin */
-    uint64_t checksum;                  /* of everything above */
-    word ready;                         /* READY, stored last */
+    uint64_t size, command, feedback, ring, events; /* bytes in all; where the slots begin */
+    uint64_t checksum;                              /* of everything above */
+    word ready;                                     /* READY, stored last */
 } header_page;
 
 typedef struct {
-    word epoch;                         /* hosts so far */
-    word pid;                           /* of the present host, for messages only */
-    word left;                          /* the last epoch that ended in order */
-    word addressed;                     /* the kernel epoch that this host speaks to */
-    word timeout_ns;                    /* 0: a silent host is normal */
+    word epoch;      /* hosts so far */
+    word pid;        /* of the present host, for messages only */
+    word left;       /* the last epoch that ended in order */
+    word addressed;  /* the kernel epoch that this host speaks to */
+    word timeout_ns; /* 0: a silent host is normal */
     uint8_t pad0[88];
     word beat_ns;
     uint8_t pad1[120];
-    word published;                     /* commands begun */
+    word published; /* commands begun */
     uint8_t pad2[120];
-    word head;                          /* ring records published */
-    word flush;                         /* records before this number are to be discarded */
+    word head;  /* ring records published */
+    word flush; /* records before this number are to be discarded */
 } host_page;
 
 typedef struct {
@@ -74,33 +74,33 @@ typedef struct {
 } command_page;
 
 typedef struct {
-    word epoch;                         /* kernels so far */
-    word left;                          /* the last epoch that ended in order */
-    word host_note;                     /* host epoch << 1 | its lock is held, as last looked at */
+    word epoch;     /* kernels so far */
+    word left;      /* the last epoch that ended in order */
+    word host_note; /* host epoch << 1 | its lock is held, as last looked at */
     uint8_t pad0[104];
     word beat_ns;
     uint8_t pad1[120];
-    word collected;                     /* number of the newest command taken */
+    word collected; /* number of the newest command taken */
     uint8_t pad2[120];
-    word tail;                          /* ring records taken or discarded */
+    word tail; /* ring records taken or discarded */
     word discarded;
     uint8_t pad3[112];
-    word feedback;                      /* frames published */
+    word feedback; /* frames published */
     uint8_t pad4[120];
-    word events;                        /* events published */
+    word events; /* events published */
 } kernel_page;
 
 /* A cache line each. The page has other writers than the kernel's, but only while they stop it. */
 typedef struct {
-    word halts, quick_stops;            /* bit n: axis n; the kernel takes them out */
-    word pid;                           /* of the process that has the slot, for messages only */
+    word halts, quick_stops; /* bit n: axis n; the kernel takes them out */
+    word pid;                /* of the process that has the slot, for messages only */
     uint8_t pad[40];
 } stop_slot;
 
 /* The stamp of a slot. The checksum covers the other four words and the payload. */
 typedef struct {
-    word number;                        /* 1, 2, ...; 0 while a latch slot is being written */
-    word host_epoch, kernel_epoch;      /* by whom and for whom */
+    word number;                   /* 1, 2, ...; 0 while a latch slot is being written */
+    word host_epoch, kernel_epoch; /* by whom and for whom */
     word checksum;
     uint8_t pad[32];
 } stamp;
@@ -108,7 +108,8 @@ typedef struct {
 _Static_assert(ATOMIC_LLONG_LOCK_FREE == 2 && ATOMIC_INT_LOCK_FREE == 2,
                "atomics with a hidden lock would not work between processes");
 _Static_assert(sizeof(word) == 8 && sizeof(_Atomic uint32_t) == 4, "atomics are plain words");
-_Static_assert(sizeof(sj_shm_config) == 32 && offsetof(sj_shm_config, abi) == 24, "no hidden padding");
+_Static_assert(sizeof(sj_shm_config) == 32 && offsetof(sj_shm_config, abi) == 24,
+               "no hidden padding");
 _Static_assert(offsetof(header_page, config) == 16, "header: config");
 _Static_assert(offsetof(header_page, size) == 48, "header: size");
 _Static_assert(offsetof(header_page, checksum) == 88, "header: checksum");
@@ -122,17 +123,31 @@ _Static_assert(offsetof(kernel_page, collected) == 256, "kernel: command number"
 _Static_assert(offsetof(kernel_page, tail) == 384, "kernel: ring tail");
 _Static_assert(offsetof(kernel_page, feedback) == 512, "kernel: frames");
 _Static_assert(offsetof(kernel_page, events) == 640, "kernel: events");
-_Static_assert(sizeof(stop_slot) == 64 && SJ_STOP_SLOTS * sizeof(stop_slot) <= SJ_SHM_PAGE, "stops");
+_Static_assert(sizeof(stop_slot) == 64 && SJ_STOP_SLOTS * sizeof(stop_slot) <= SJ_SHM_PAGE,
+               "stops");
 _Static_assert(sizeof(stamp) == 64 && offsetof(stamp, checksum) == 24, "stamp");
 _Static_assert(sizeof(header_page) <= SJ_SHM_PAGE && sizeof(host_page) <= SJ_SHM_PAGE &&
-               sizeof(kernel_page) <= SJ_SHM_PAGE, "one page each");
+                   sizeof(kernel_page) <= SJ_SHM_PAGE,
+               "one page each");
 
 /* ---- words ----------------------------------------------------------------------------------- */
 
-static inline uint64_t load(const word *from) { return atomic_load_explicit(from, memory_order_relaxed); }
-static inline uint64_t acquire(const word *from) { return atomic_load_explicit(from, memory_order_acquire); }
-static inline void store(word *to, uint64_t value) { atomic_store_explicit(to, value, memory_order_relaxed); }
-static inline void release(word *to, uint64_t value) { atomic_store_explicit(to, value, memory_order_release); }
+static inline uint64_t load(const word *from)
+{
+    return atomic_load_explicit(from, memory_order_relaxed);
+}
+static inline uint64_t acquire(const word *from)
+{
+    return atomic_load_explicit(from, memory_order_acquire);
+}
+static inline void store(word *to, uint64_t value)
+{
+    atomic_store_explicit(to, value, memory_order_relaxed);
+}
+static inline void release(word *to, uint64_t value)
+{
+    atomic_store_explicit(to, value, memory_order_release);
+}
 
 /* ---- where things lie ------------------------------------------------------------------------ */
 

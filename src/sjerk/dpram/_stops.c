@@ -13,7 +13,7 @@
  * made before it.
  * Never here: who has which slot (a lock of the file, outside), how axes stop.
  */
-#include "dpram/_pages.h"               /* layout and atomics */
+#include "dpram/_pages.h" /* layout and atomics */
 
 static inline stop_slot *stop_at(void *base, uint32_t index)
 {
@@ -27,7 +27,8 @@ static inline const stop_slot *stop_of(const void *base, uint32_t index)
 
 int32_t sj_stop_claim(void *base, uint32_t index, uint64_t pid)
 {
-    if (sj_stop_waits(base, index)) return 0;   /* of the one before, who would be told wrong */
+    if (sj_stop_waits(base, index))
+        return 0; /* of the one before, who would be told wrong */
     store(&stop_at(base, index)->pid, pid);
     return 1;
 }
@@ -35,13 +36,16 @@ int32_t sj_stop_claim(void *base, uint32_t index, uint64_t pid)
 void sj_stop_request(void *base, uint32_t index, uint64_t halts, uint64_t quick_stops)
 {
     stop_slot *at = stop_at(base, index);
-    if (halts != 0) atomic_fetch_or_explicit(&at->halts, halts, memory_order_acq_rel);
-    if (quick_stops != 0) atomic_fetch_or_explicit(&at->quick_stops, quick_stops, memory_order_acq_rel);
+    if (halts != 0)
+        atomic_fetch_or_explicit(&at->halts, halts, memory_order_acq_rel);
+    if (quick_stops != 0)
+        atomic_fetch_or_explicit(&at->quick_stops, quick_stops, memory_order_acq_rel);
 }
 
 int32_t sj_stop_waits(const void *base, uint32_t index)
 {
-    return (acquire(&stop_of(base, index)->halts) | acquire(&stop_of(base, index)->quick_stops)) != 0;
+    return (acquire(&stop_of(base, index)->halts) | acquire(&stop_of(base, index)->quick_stops)) !=
+           0;
 }
 
 /* Looks before it exchanges: a cycle without a stop writes nothing. It asks whose slot it is while a request
@@ -51,8 +55,9 @@ int32_t sj_stop_take(void *base, uint32_t index, sj_stop *stop)
 {
     stop_slot *at = stop_at(base, index);
     const uint64_t halts = acquire(&at->halts), quick_stops = acquire(&at->quick_stops);
-    if ((halts | quick_stops) == 0) return 0;
-    *stop = (sj_stop){ 0, 0, load(&at->pid) };
+    if ((halts | quick_stops) == 0)
+        return 0;
+    *stop = (sj_stop){0, 0, load(&at->pid)};
     if (quick_stops != 0)
         stop->quick_stops = atomic_exchange_explicit(&at->quick_stops, 0, memory_order_acq_rel);
     if (halts != 0)

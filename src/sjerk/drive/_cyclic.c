@@ -5,7 +5,7 @@
  * 607Dh; mode 8 holds its target inside. Away is free. A stop that has begun ends at its own end.
  * Never here: ramps, the profile modes, the motor's equations.
  */
-#include <stdint.h> /* fixed widths */
+#include <stdint.h>          /* fixed widths */
 #include "drive/_internal.h" /* what the files of the drive share */
 
 /* More SYNCs were missed in a row than are bridged. */
@@ -114,7 +114,8 @@ void sj_cyclic_velocity(sj_drive *drive, const sj_drive_rx *rx, sj_servo_command
     if (!rx->sync_missed) {
         const double wanted =
             (double)with_polarity(drive, (int64_t)rx->target_velocity + rx->velocity_offset,
-                                  SJ_POLARITY_VELOCITY) * to_period;
+                                  SJ_POLARITY_VELOCITY) *
+            to_period;
         goal = bounded(wanted, most);
         drive->follows = goal == wanted;
     }

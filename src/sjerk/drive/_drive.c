@@ -5,10 +5,10 @@
  * Pure: everything is in the struct that is passed in.
  * Never here: clocks, transport, how a plan is found, the motor's equations.
  */
-#include <math.h>   /* ceil, where a plan is made */
-#include <stddef.h> /* NULL */
-#include <stdint.h> /* fixed widths */
-#include "drive/_internal.h" /* what the files of the drive share */
+#include <math.h>             /* ceil, where a plan is made */
+#include <stddef.h>           /* NULL */
+#include <stdint.h>           /* fixed widths */
+#include "drive/_internal.h"  /* what the files of the drive share */
 #include "planner/_planner.h" /* modes 1 and 3 */
 
 static int supports_mode(int32_t mode)
@@ -20,10 +20,8 @@ static int supports_mode(int32_t mode)
     case SJ_MODE_HOMING:
     case SJ_MODE_CSP:
     case SJ_MODE_CSV:
-    case SJ_MODE_CST:
-        return 1;
-    default:
-        return 0;
+    case SJ_MODE_CST: return 1;
+    default: return 0;
     }
 }
 
@@ -65,8 +63,8 @@ static void step_state(sj_drive *drive, uint16_t word)
         .power = (drive->causes & no_power) == 0,
         .cause = drive->causes != 0 && !(drive->config.abort_option != 1 &&
                                          drive->causes == (uint32_t)1 << SJ_FAULT_LOST_LINK),
-        .standing = (uint8_t)(drive->standing ||
-                              (before == SJ_STATE_FAULT_REACTION && coasts(drive))),
+        .standing =
+            (uint8_t)(drive->standing || (before == SJ_STATE_FAULT_REACTION && coasts(drive))),
     };
     uint32_t ran = 0;
 
@@ -132,15 +130,9 @@ static int32_t ordered_stop(const sj_drive *drive)
 static int32_t run_mode(sj_drive *drive, const sj_drive_rx *rx, sj_servo_command *command)
 {
     switch (drive->mode) {
-    case SJ_MODE_PROFILE_POSITION:
-        sj_profile_position(drive, command);
-        return SJ_FAULT_NONE;
-    case SJ_MODE_PROFILE_VELOCITY:
-        sj_profile_velocity(drive, rx, command);
-        return SJ_FAULT_NONE;
-    case SJ_MODE_HOMING:
-        sj_homing_period(drive, command);
-        return SJ_FAULT_NONE;
+    case SJ_MODE_PROFILE_POSITION: sj_profile_position(drive, command); return SJ_FAULT_NONE;
+    case SJ_MODE_PROFILE_VELOCITY: sj_profile_velocity(drive, rx, command); return SJ_FAULT_NONE;
+    case SJ_MODE_HOMING: sj_homing_period(drive, command); return SJ_FAULT_NONE;
     case SJ_MODE_CSP:
         if (drive->resync) {
             /* the master sees where the axis is before its targets count */
@@ -219,8 +211,7 @@ static void command_motion(sj_drive *drive, const sj_drive_rx *rx, sj_servo_comm
         }
         return;
 
-    default:
-        sj_motion_power_off(drive, command);
+    default: sj_motion_power_off(drive, command);
     }
 }
 
@@ -285,7 +276,7 @@ static sj_servo_command begin_period(sj_drive *drive, const sj_drive_rx *rx)
 
 /* After the servo's period; before: the encoder at its begin. */
 static void end_period(sj_drive *drive, const sj_drive_rx *rx, const sj_servo_command *command,
-                int64_t before, sj_drive_tx *tx)
+                       int64_t before, sj_drive_tx *tx)
 {
     sj_point_move_increments(drive, &drive->actual,
                              subtract_wrapping(drive->servo.encoder, before));
@@ -352,9 +343,10 @@ static int64_t turns_needed(const sj_drive_request *request)
             SJ_PLAN_OK) {
         return 0;
     }
-    beyond = direction *
-             (end_of(&stop, request->velocity, request->acceleration) - request->distance);
-    return beyond > 0.0 && beyond < 0x1p30 * request->turn ? (int64_t)ceil(beyond / request->turn) : 0;
+    beyond =
+        direction * (end_of(&stop, request->velocity, request->acceleration) - request->distance);
+    return beyond > 0.0 && beyond < 0x1p30 * request->turn ? (int64_t)ceil(beyond / request->turn)
+                                                           : 0;
 }
 
 /* A move to its end at rest, or through it where that is sooner; request->goal says which. */
@@ -392,8 +384,7 @@ void sj_drive_cycle_planned(sj_drive *drive, const sj_drive_rx *rx, sj_drive_tx 
         status = sj_plan_velocity(request->velocity, request->acceleration, request->goal,
                                   &request->limits, &plan);
         break;
-    default:
-        return;
+    default: return;
     }
     sj_profile_answer(drive, status == SJ_PLAN_OK ? &plan : NULL, turns);
 }

@@ -4,20 +4,20 @@
 #include <stdint.h>
 #include "drive/_drive.h"
 
-#define SJ_TWO_PI 6.283185307179586476925286766559
-#define SJ_RPM (SJ_TWO_PI / 60.0)       /* rad/s */
-#define SJ_OVER_SPEED 1.2               /* of the maximum motor speed: trips */
-#define SJ_SPEED_CLAMP 1.1              /* the velocity command is held within */
-#define SJ_STANDSTILL 1e-3              /* of the maximum motor speed: stands */
+#define SJ_TWO_PI      6.283185307179586476925286766559
+#define SJ_RPM         (SJ_TWO_PI / 60.0) /* rad/s */
+#define SJ_OVER_SPEED  1.2                /* of the maximum motor speed: trips */
+#define SJ_SPEED_CLAMP 1.1                /* the velocity command is held within */
+#define SJ_STANDSTILL  1e-3               /* of the maximum motor speed: stands */
 
 enum { SJ_POLARITY_POSITION = 0x80, SJ_POLARITY_VELOCITY = 0x40, SJ_POLARITY_TORQUE = 0x20 };
-enum { SJ_FAULT_RAMPS = 0, SJ_FAULT_COASTS = 1 };       /* whether the motor can be controlled */
-enum { SJ_POSITION_GOAL = 1, SJ_VELOCITY_GOAL = 2 };    /* sj_drive_goal.kind */
+enum { SJ_FAULT_RAMPS = 0, SJ_FAULT_COASTS = 1 };    /* whether the motor can be controlled */
+enum { SJ_POSITION_GOAL = 1, SJ_VELOCITY_GOAL = 2 }; /* sj_drive_goal.kind */
 
 typedef struct {
-    uint16_t code;                      /* 603Fh and the first two bytes of an emergency */
-    uint8_t error_register;             /* 1001h */
-    uint8_t reaction;                   /* SJ_FAULT_RAMPS or SJ_FAULT_COASTS */
+    uint16_t code;          /* 603Fh and the first two bytes of an emergency */
+    uint8_t error_register; /* 1001h */
+    uint8_t reaction;       /* SJ_FAULT_RAMPS or SJ_FAULT_COASTS */
 } sj_drive_fault_row;
 
 /* _cia402.c */
@@ -32,11 +32,11 @@ int64_t sj_point_difference(const sj_drive *drive, int64_t to, int64_t from);
 void sj_point_move_increments(const sj_drive *drive, sj_drive_point *point, int64_t distance);
 int64_t sj_point_move_units(const sj_drive *drive, sj_drive_point *point, int64_t distance);
 void sj_point_set(const sj_drive *drive, sj_drive_point *point, int64_t increments, int64_t units);
-void sj_point_set_home(sj_drive *drive, int64_t increments);   /* these become 607Ch */
+void sj_point_set_home(sj_drive *drive, int64_t increments); /* these become 607Ch */
 
 /* _verdict.c */
-void sj_verdict_pause(sj_drive_verdict *verdict);               /* the stream is interrupted */
-void sj_verdict_judge(sj_drive *drive, int64_t step);           /* one target followed, pu */
+void sj_verdict_pause(sj_drive_verdict *verdict);     /* the stream is interrupted */
+void sj_verdict_judge(sj_drive *drive, int64_t step); /* one target followed, pu */
 
 /* _servo.c */
 void sj_servo_prepare(sj_servo_constants *constants, const sj_drive_config *config);
@@ -44,12 +44,12 @@ void sj_servo_period(sj_servo *servo, const sj_servo_constants *constants,
                      const sj_servo_command *command);
 
 /* _servo_simd.c */
-enum { SJ_SERVO_LANES = 8 };                                    /* motors at once */
+enum { SJ_SERVO_LANES = 8 }; /* motors at once */
 /* One period of as many servos, SJ_SERVO_LANES at most. */
 void sj_servo_periods(int32_t count, sj_drive *const *drives, const sj_servo_command *commands);
 
 /* _limits.c */
-uint32_t sj_limit_inputs(const sj_drive *drive);                /* 60FDh */
+uint32_t sj_limit_inputs(const sj_drive *drive); /* 60FDh */
 /* Switches that are closed, bit 0 negative, 1 positive. */
 uint32_t sj_limit_switches(const sj_drive *drive);
 /* The same with the ends of 607Dh that are reached. */
@@ -72,8 +72,9 @@ double sj_motion_possible(const sj_drive *drive, double velocity);
 void sj_motion_stop(sj_drive *drive, sj_servo_command *command, int32_t option);
 /* A stop that ends at its own end, whatever comes meanwhile. */
 void sj_motion_begin_stop(sj_drive *drive, sj_servo_command *command, int32_t option);
-int sj_motion_stopping(sj_drive *drive, sj_servo_command *command); /* it goes on; 0: there is none */
-int32_t sj_motion_limit_ramp(const sj_drive *drive);            /* at a limit: that of 605Ah */
+int sj_motion_stopping(sj_drive *drive,
+                       sj_servo_command *command);   /* it goes on; 0: there is none */
+int32_t sj_motion_limit_ramp(const sj_drive *drive); /* at a limit: that of 605Ah */
 
 /* _cyclic.c */
 /* Returns a fault or SJ_FAULT_NONE. */
@@ -83,28 +84,28 @@ void sj_cyclic_torque(sj_drive *drive, const sj_drive_rx *rx, sj_servo_command *
 
 /* _homing.c */
 void sj_homing_period(sj_drive *drive, sj_servo_command *command);
-uint16_t sj_homing_bits(const sj_drive *drive);                 /* statusword bits 10, 12, 13 */
+uint16_t sj_homing_bits(const sj_drive *drive); /* statusword bits 10, 12, 13 */
 
 /* _profile.c */
-void sj_profile_drop(sj_drive *drive);                          /* the plan */
-void sj_profile_give_up(sj_drive *drive);                       /* the plan and its goals */
-int sj_profile_planned(const sj_drive *drive);                  /* a plan exists, or is asked for */
-int64_t sj_profile_left(const sj_drive *drive);                 /* from the demand to the set-point */
+void sj_profile_drop(sj_drive *drive);          /* the plan */
+void sj_profile_give_up(sj_drive *drive);       /* the plan and its goals */
+int sj_profile_planned(const sj_drive *drive);  /* a plan exists, or is asked for */
+int64_t sj_profile_left(const sj_drive *drive); /* from the demand to the set-point */
 void sj_profile_request(sj_drive *drive);
 void sj_profile_execute(sj_drive *drive, sj_servo_command *command);
 void sj_profile_answer(sj_drive *drive, const sj_plan *plan, int64_t turns);
 
 /* _profile_position.c */
-void sj_profile_offer(sj_drive *drive, const sj_drive_rx *rx);  /* bits 4 and 12, in every period */
+void sj_profile_offer(sj_drive *drive, const sj_drive_rx *rx); /* bits 4 and 12, in every period */
 void sj_profile_position(sj_drive *drive, sj_servo_command *command);
 int sj_profile_reached(const sj_drive *drive);
 
 /* _profile_velocity.c */
 void sj_profile_velocity(sj_drive *drive, const sj_drive_rx *rx, sj_servo_command *command);
-uint16_t sj_profile_velocity_bits(sj_drive *drive);             /* statusword bits 10, 12 */
+uint16_t sj_profile_velocity_bits(sj_drive *drive); /* statusword bits 10, 12 */
 
 /* _supervision.c */
-void sj_drive_raise(sj_drive *drive, int32_t fault);            /* transition 13 */
+void sj_drive_raise(sj_drive *drive, int32_t fault);                 /* transition 13 */
 int32_t sj_supervise_inputs(sj_drive *drive, const sj_drive_rx *rx); /* a fault or SJ_FAULT_NONE */
 void sj_supervise_following(sj_drive *drive, const sj_servo_command *command);
 void sj_supervise_standing(sj_drive *drive);
@@ -146,7 +147,6 @@ static inline int32_t quick_stop_ramp(const sj_drive_config *config)
                                          : config->quick_stop_option;
 }
 
-
 /* Polarity between the words and the motor. */
 static inline int64_t with_polarity(const sj_drive *drive, int64_t value, uint32_t bit)
 {
@@ -172,5 +172,6 @@ static inline int64_t following_error(const sj_drive *drive)
 /* The demand as a word: polarity applied, within 607Bh. */
 static inline int64_t demand_word(const sj_drive *drive)
 {
-    return sj_point_wrap(drive, with_polarity(drive, drive->demand.point.units, SJ_POLARITY_POSITION));
+    return sj_point_wrap(drive,
+                         with_polarity(drive, drive->demand.point.units, SJ_POLARITY_POSITION));
 }

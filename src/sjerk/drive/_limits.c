@@ -3,7 +3,7 @@
  * Switches belong to the motor; the ends of 607Dh are words, polarity applied. Pure: they say what is
  * there. Never here: what a mode does about it.
  */
-#include <stdint.h> /* fixed widths */
+#include <stdint.h>          /* fixed widths */
 #include "drive/_internal.h" /* what the files of the drive share */
 
 enum { NEGATIVE = 1, POSITIVE = 2, HOME = 4, INTERLOCK = 8 };
@@ -11,12 +11,14 @@ enum { NEGATIVE = 1, POSITIVE = 2, HOME = 4, INTERLOCK = 8 };
 uint32_t sj_limit_inputs(const sj_drive *drive)
 {
     const sj_drive_config *config = &drive->config;
-    const double turns = (double)drive->servo.encoder * config->encoder_revolutions /
-                         config->encoder_increments;
+    const double turns =
+        (double)drive->servo.encoder * config->encoder_revolutions / config->encoder_increments;
     uint32_t inputs = 0;
 
-    inputs |= config->switch_negative_rev > -1e9 && turns <= config->switch_negative_rev ? NEGATIVE : 0;
-    inputs |= config->switch_positive_rev < 1e9 && turns >= config->switch_positive_rev ? POSITIVE : 0;
+    inputs |=
+        config->switch_negative_rev > -1e9 && turns <= config->switch_negative_rev ? NEGATIVE : 0;
+    inputs |=
+        config->switch_positive_rev < 1e9 && turns >= config->switch_positive_rev ? POSITIVE : 0;
     inputs |= config->switch_home_rev < 1e9 && turns >= config->switch_home_rev ? HOME : 0;
     inputs |= has_cause(drive, SJ_FAULT_SAFE_TORQUE_OFF) ? INTERLOCK : 0;
     return inputs;
@@ -63,7 +65,8 @@ uint32_t sj_limit_ends(const sj_drive *drive)
 
 int sj_limit_blocks(uint32_t ends, double direction)
 {
-    return ((ends & NEGATIVE) != 0 && direction < 0.0) || ((ends & POSITIVE) != 0 && direction > 0.0);
+    return ((ends & NEGATIVE) != 0 && direction < 0.0) ||
+           ((ends & POSITIVE) != 0 && direction > 0.0);
 }
 
 /* The whole way stays inside; an axis that is outside may only come back. */

@@ -4,7 +4,7 @@
  * (`drive->stop`) ends at its own end, when its ramp has ended and the motor stands.
  * Never here: which of them a state allows, the motor's equations.
  */
-#include <stdint.h> /* fixed widths */
+#include <stdint.h>          /* fixed widths */
 #include "drive/_internal.h" /* what the files of the drive share */
 
 /* A velocity the motor could have: what a wild target leaves behind stays finite. */
@@ -107,10 +107,8 @@ static double deceleration(const sj_drive *drive, int32_t option, double torque)
     const double scale = increments_per_unit(drive) * config->period_s * config->period_s;
 
     switch (option) {
-    case 1:
-        return config->profile_deceleration * scale;
-    case 2:
-        return config->quick_stop_deceleration * scale;
+    case 1: return config->profile_deceleration * scale;
+    case 2: return config->quick_stop_deceleration * scale;
     default:
         torque *= drive->constants.inertia_inverse * drive->constants.increments_per_rad *
                   config->period_s * config->period_s;

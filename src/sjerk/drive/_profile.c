@@ -6,9 +6,9 @@
  *     P += V + A / 2 + j / 6,   V += A + j / 2,   A += j.
  * Never here: which set-point, how a plan is found.
  */
-#include <math.h>   /* sqrt, fabs: in requests only */
-#include <stddef.h> /* NULL */
-#include <stdint.h> /* fixed widths */
+#include <math.h>            /* sqrt, fabs: in requests only */
+#include <stddef.h>          /* NULL */
+#include <stdint.h>          /* fixed widths */
 #include "drive/_internal.h" /* what the files of the drive share */
 
 void sj_profile_drop(sj_drive *drive)
@@ -40,8 +40,7 @@ int64_t sj_profile_left(const sj_drive *drive)
 /* The same in increments: to the middle of the unit, from where in its own unit the demand is. */
 static double increments_left(const sj_drive *drive)
 {
-    const double inside =
-        (double)(drive->demand.point.remainder - drive->scale.increments / 2);
+    const double inside = (double)(drive->demand.point.remainder - drive->scale.increments / 2);
 
     return ((double)sj_profile_left(drive) * (double)drive->scale.increments - inside) /
                (double)drive->scale.units -

@@ -5,7 +5,7 @@
  * 607Bh, and they say on which way. The whole way keeps 607Dh.
  * Never here: how the way is planned and gone.
  */
-#include <stdint.h> /* fixed widths */
+#include <stdint.h>          /* fixed widths */
 #include "drive/_internal.h" /* what the files of the drive share */
 
 static int64_t within_range(const sj_drive *drive, int64_t distance)
@@ -18,26 +18,19 @@ static int64_t within_range(const sj_drive *drive, int64_t distance)
 static int64_t way(const sj_drive *drive, int64_t distance)
 {
     switch (drive->config.positioning_option & SJ_ROTARY_BITS) {
-    case SJ_ROTARY_NEGATIVE:
-        return -within_range(drive, -distance);
-    case SJ_ROTARY_POSITIVE:
-        return within_range(drive, distance);
-    case SJ_ROTARY_SHORTEST:
-        return sj_point_difference(drive, distance, 0);
-    default:
-        return distance;
+    case SJ_ROTARY_NEGATIVE: return -within_range(drive, -distance);
+    case SJ_ROTARY_POSITIVE: return within_range(drive, distance);
+    case SJ_ROTARY_SHORTEST: return sj_point_difference(drive, distance, 0);
+    default: return distance;
     }
 }
 
 static int32_t direction(const sj_drive *drive)
 {
     switch (drive->config.positioning_option & SJ_ROTARY_BITS) {
-    case SJ_ROTARY_NEGATIVE:
-        return (int32_t)with_polarity(drive, -1, SJ_POLARITY_POSITION);
-    case SJ_ROTARY_POSITIVE:
-        return (int32_t)with_polarity(drive, 1, SJ_POLARITY_POSITION);
-    default:
-        return 0;
+    case SJ_ROTARY_NEGATIVE: return (int32_t)with_polarity(drive, -1, SJ_POLARITY_POSITION);
+    case SJ_ROTARY_POSITIVE: return (int32_t)with_polarity(drive, 1, SJ_POLARITY_POSITION);
+    default: return 0;
     }
 }
 
@@ -45,13 +38,11 @@ static int32_t direction(const sj_drive *drive)
 static int64_t base(const sj_drive *drive)
 {
     switch (drive->config.positioning_option & SJ_RELATIVE_BITS) {
-    case SJ_RELATIVE_ACTUAL:
-        return drive->actual.travel;
+    case SJ_RELATIVE_ACTUAL: return drive->actual.travel;
     case SJ_RELATIVE_TARGET:
         return drive->goal.kind == SJ_POSITION_GOAL ? drive->goal.now.travel
                                                     : drive->demand.point.travel;
-    default:
-        return drive->demand.point.travel;
+    default: return drive->demand.point.travel;
     }
 }
 
@@ -59,8 +50,8 @@ static int64_t base(const sj_drive *drive)
 static sj_drive_set_point set_point(const sj_drive *drive, const sj_drive_rx *rx, int64_t from)
 {
     const int64_t ahead = subtract_wrapping(from, drive->demand.point.travel);
-    const int64_t word =
-        sj_point_wrap(drive, demand_word(drive) + with_polarity(drive, ahead, SJ_POLARITY_POSITION));
+    const int64_t word = sj_point_wrap(
+        drive, demand_word(drive) + with_polarity(drive, ahead, SJ_POLARITY_POSITION));
     int64_t distance = 0;
     int64_t kept = 0;
 

@@ -2,7 +2,7 @@
  * plan is. At a closed limit switch, or an end of 607Dh, the axis stops and stands; away is free.
  * Never here: how the way is planned and gone.
  */
-#include <stdint.h> /* fixed widths */
+#include <stdint.h>          /* fixed widths */
 #include "drive/_internal.h" /* what the files of the drive share */
 
 void sj_profile_velocity(sj_drive *drive, const sj_drive_rx *rx, sj_servo_command *command)

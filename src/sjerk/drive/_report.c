@@ -3,7 +3,7 @@
  *
  * Never here: a decision; all that is said has happened.
  */
-#include <stdint.h> /* fixed widths */
+#include <stdint.h>          /* fixed widths */
 #include "drive/_internal.h" /* what the files of the drive share */
 
 /* The axis is where it was to go: at a set-point of mode 1, at a target of CSP that stands. */
@@ -16,8 +16,7 @@ static int arrived(const sj_drive *drive, int64_t *off)
     case SJ_MODE_CSP:
         *off = following_error(drive);
         return drive->follows && drive->demand.velocity == 0.0;
-    default:
-        return 0;
+    default: return 0;
     }
 }
 

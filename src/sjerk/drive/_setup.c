@@ -2,8 +2,8 @@
  *
  * Never here: the range of a setting (_config.c), the motion of a period.
  */
-#include <math.h>   /* ceil */
-#include <stdint.h> /* fixed widths */
+#include <math.h>            /* ceil */
+#include <stdint.h>          /* fixed widths */
 #include "drive/_internal.h" /* what the files of the drive share */
 
 static void prepare(sj_drive *drive)

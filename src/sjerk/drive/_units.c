@@ -6,7 +6,7 @@
  * 607Bh; `travel` counts the same units without a wrap, so that a way has a direction and a length.
  * Never here: motions, words, states.
  */
-#include <stdint.h> /* fixed widths */
+#include <stdint.h>          /* fixed widths */
 #include "drive/_internal.h" /* what the files of the drive share */
 
 /* Into the range of 607Bh; the full range is the plain wrap of INT32. */
@@ -52,8 +52,7 @@ int64_t sj_point_move_units(const sj_drive *drive, sj_drive_point *point, int64_
 {
     const int64_t wanted =
         distance * drive->scale.increments - (point->remainder - drive->scale.increments / 2);
-    const int64_t increments =
-        floor_div(wanted + drive->scale.units / 2, drive->scale.units);
+    const int64_t increments = floor_div(wanted + drive->scale.units / 2, drive->scale.units);
 
     point->remainder += increments * drive->scale.units - distance * drive->scale.increments;
     point->increments = add_wrapping(point->increments, increments);

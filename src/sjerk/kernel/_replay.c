@@ -62,8 +62,8 @@ int64_t sj_virtual_replay(sj_kernel *kernel, int64_t cycles, const void *frames,
     const uint8_t *at = frames;
     int64_t i = 0;
 
-    kernel->given = (sj_trace_given){NULL, {commands, command_count}, {records, record_count},
-                                     {stops, stop_count}};
+    kernel->given = (sj_trace_given){
+        NULL, {commands, command_count}, {records, record_count}, {stops, stop_count}};
     for (; i < cycles; i++, at += bytes) {
         const sj_trace_frame *frame = (const void *)at;
         kernel->given.frame = frame;
