@@ -50,7 +50,7 @@ def read(file: Path) -> Recording | None:
         recording = Recording.open(file)
         assert len(recording) == len(recording.all.missed)
         assert len(recording.events) == len(recording.all.events)
-        assert len(recording.way_points(0)[0]) == 0
+        assert len(recording.knots(0)[0]) == 0
     except InputError as fault:
         refused = fault
     else:
