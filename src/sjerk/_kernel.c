@@ -4,23 +4,20 @@
  * double-double it is exact far below the last bit of a position. Never here: planning, time,
  * memory of its own, drives.
  */
-#include <float.h>  /* DBL_EPSILON, for the rounding of levels */
-#include <math.h>   /* fabs, isfinite */
+#include <float.h> /* DBL_EPSILON, for the rounding of levels */
+#include <math.h>  /* fabs, isfinite */
 #include <stddef.h>
 #include <stdint.h>
 #include <string.h> /* memset of an interpolator */
 #include "_kernel.h"
 #include "base/_double_double.h" /* double-double sums */
-#include "base/_continuous.h" /* from samples to the continuous motion and back */
-#include "base/_simd.h"  /* several phases, several cycles at once */
+#include "base/_continuous.h"    /* from samples to the continuous motion and back */
+#include "base/_simd.h"          /* several phases, several cycles at once */
 
 /* ---- Eqs. (15)-(17) -------------------------------------------------------------------------- */
 
 /* A sum with nothing costs nothing; the bits are the same. */
-static sj_exact plus(sj_exact x, sj_exact y)
-{
-    return y.hi == 0.0 ? x : exact_add(x, y);
-}
+static sj_exact plus(sj_exact x, sj_exact y) { return y.hi == 0.0 ? x : exact_add(x, y); }
 
 /* The mean of two neighbours. */
 static sj_exact mean(sj_exact now, sj_exact before)
@@ -96,11 +93,11 @@ _Static_assert(SJ_PHASES % SIMD_PHASES == 0, "no phase is left over");
 /* The phases of a plan by columns: what each needs of the others is its acceleration levels alone, so
  * that the divisions of all of them are done side by side. */
 typedef struct {
-    double cycles[SJ_PHASES];           /* n */
+    double cycles[SJ_PHASES];                                        /* n */
     double level_hi[SJ_PHASES], level_lo[SJ_PHASES], end[SJ_PHASES]; /* A, and A_end */
     double jerk_hi[SJ_PHASES], jerk_lo[SJ_PHASES];
-    double V_hi[SJ_PHASES], V_lo[SJ_PHASES];    /* what the phase adds to V */
-    double P_hi[SJ_PHASES], P_lo[SJ_PHASES];    /* and to P, besides n V */
+    double V_hi[SJ_PHASES], V_lo[SJ_PHASES]; /* what the phase adds to V */
+    double P_hi[SJ_PHASES], P_lo[SJ_PHASES]; /* and to P, besides n V */
 } columns;
 
 /* Lengths and levels, checked: enum sj_load_status. */
@@ -145,8 +142,8 @@ SIMD static void fill_columns(columns *restrict c, int32_t count)
             sj_exact A = {c->level_hi[i], c->level_lo[i]}, end = exact_of(c->end[i]);
             sj_exact jerk = exact_divide(exact_subtract(end, A), n);
             sj_exact V = exact_half(exact_scale(exact_add(A, end), n));
-            sj_exact P = exact_divide(exact_multiply(exact_two_product(n, n),
-                                                     exact_add(exact_add(A, A), end)), 6.0);
+            sj_exact P = exact_divide(
+                exact_multiply(exact_two_product(n, n), exact_add(exact_add(A, A), end)), 6.0);
             c->jerk_hi[i] = jerk.hi;
             c->jerk_lo[i] = jerk.lo;
             c->V_hi[i] = V.hi;

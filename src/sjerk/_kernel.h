@@ -5,8 +5,8 @@
 
 enum sj_load_status {
     SJ_LOAD_OK = 0,
-    SJ_LOAD_PHASES = 1,                 /* a phase count or length out of range */
-    SJ_LOAD_MISSES = 2                  /* the phases do not lead to the goal */
+    SJ_LOAD_PHASES = 1, /* a phase count or length out of range */
+    SJ_LOAD_MISSES = 2  /* the phases do not lead to the goal */
 };
 
 /* A phase as it is integrated: its jerk is the difference of two acceleration levels over its
@@ -18,13 +18,13 @@ typedef struct {
 
 /* The bilinear integrator, Eqs. (15)-(17), in cycle units, and the legs ahead of it. */
 typedef struct {
-    sj_exact q, v, a, j;                /* the sample of this cycle */
-    sj_exact spread_v, spread_q;        /* per cycle: what rounding the plan to doubles costs */
-    double goal, goal_velocity;         /* the settled end, cycle N + 1 */
-    int64_t left;                       /* cycles left of the present leg */
-    int64_t cycles_left;                /* until settled; 0 = settled */
+    sj_exact q, v, a, j;         /* the sample of this cycle */
+    sj_exact spread_v, spread_q; /* per cycle: what rounding the plan to doubles costs */
+    double goal, goal_velocity;  /* the settled end, cycle N + 1 */
+    int64_t left;                /* cycles left of the present leg */
+    int64_t cycles_left;         /* until settled; 0 = settled */
     int32_t leg, count;
-    int32_t goal_free;                  /* 1: a change of velocity, the end position is open */
+    int32_t goal_free; /* 1: a change of velocity, the end position is open */
     int32_t reserved;
     sj_leg legs[SJ_PHASES];
 } sj_interpolator;
@@ -35,13 +35,13 @@ typedef struct {
     double *time, *position, *velocity, *acceleration, *jerk;
 } sj_table;
 
-void    sj_interpolator_start(sj_interpolator *ip, const sj_state *sample);
+void sj_interpolator_start(sj_interpolator *ip, const sj_state *sample);
 int32_t sj_interpolator_load(sj_interpolator *ip, const sj_plan *plan, double goal,
                              double goal_velocity, int32_t goal_free);
 int32_t sj_interpolator_step(sj_interpolator *ip);
-void    sj_interpolator_fill(sj_interpolator *ip, double cycle_time_s, int64_t first_row,
-                             const sj_table *out);
-int32_t sj_sample(const sj_plan *plan, const void *start, const void *end,
-                  double cycle_time_s, const sj_table *out);
-void    sj_lemma_plan(const sj_state *sample, double jerk, sj_state *plan);
-void    sj_lemma_sample(const sj_state *plan, double jerk, sj_state *sample);
+void sj_interpolator_fill(sj_interpolator *ip, double cycle_time_s, int64_t first_row,
+                          const sj_table *out);
+int32_t sj_sample(const sj_plan *plan, const void *start, const void *end, double cycle_time_s,
+                  const sj_table *out);
+void sj_lemma_plan(const sj_state *sample, double jerk, sj_state *plan);
+void sj_lemma_sample(const sj_state *plan, double jerk, sj_state *sample);

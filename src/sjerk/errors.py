@@ -66,14 +66,22 @@ class MotionStoppedError(SjerkError):
     """A move ended elsewhere: stopped or replaced, or a drive went into a fault.
 
     ``positions`` are the commanded ones by axis, ``faults`` the error codes (603Fh) of the drives
-    that are in a fault, by axis.
+    that are in a fault, by axis; ``unhomed`` the axis whose homing failed, or None.
     """
 
-    def __init__(self, positions: dict[int, float], faults: dict[int, int] | None = None) -> None:
+    def __init__(
+        self,
+        positions: dict[int, float],
+        faults: dict[int, int] | None = None,
+        unhomed: int | None = None,
+    ) -> None:
         self.positions = positions
+        self.unhomed = unhomed
         self.faults = faults or {}
         codes = ", ".join(f"axis {i}: {code:04X}h" for i, code in self.faults.items())
         why = f"drive fault ({codes})" if codes else "stopped or replaced"
+        if unhomed is not None:
+            why = f"homing of axis {unhomed} failed" + (f", {why}" if codes else "")
         super().__init__(f"{why} before the goal, commanded positions {positions}")
 
 
@@ -135,7 +143,7 @@ class SegmentOwnerError(HandshakeError):
 
 
 class SegmentMemoryError(HandshakeError):
-    """There is no memory left for ``size`` bytes."""
+    """The system lacks what a segment of ``size`` bytes needs: memory, inodes, open files."""
 
     def __init__(self, message: str, *, name: str = "", size: int = 0) -> None:
         super().__init__(message, name=name)

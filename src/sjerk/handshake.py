@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import contextlib
 import fcntl
-import grp
 import os
 import threading
 import time
@@ -22,17 +21,17 @@ from sjerk import errors
 from sjerk._binding import ffi, lib
 from sjerk.dpram.files import (
     INCOMPLETE,
-    PREFIX,
     TRACE,
     Lock,
+    Pages,
     PrivateMemory,
-    ReadOnlyPages,
     check_file,
     check_name,
     create_file,
     give_name,
+    group_number,
     locked_by_other,
-    map_file,
+    no_memory,
     open_file,
     path_of,
     still_named,
@@ -40,6 +39,7 @@ from sjerk.dpram.files import (
 )
 from sjerk.dpram.inventory import SegmentInfo, clean
 from sjerk.dpram.layout import Layout, check_content, raise_for_status
+from sjerk.dpram.stop_slots import SHARED, claim
 
 __all__ = [
     "TRACE",
@@ -49,11 +49,13 @@ __all__ = [
     "Segment",
     "SegmentInfo",
     "clean",
+    "group_number",
     "raise_for_status",
 ]
 
-#: What a process is to a segment: it keeps it, commands through it, looks on, or is the kernel.
-Role = Literal["owner", "host", "monitor", "kernel"]
+#: What a process is to a segment: it keeps it, commands through it, looks on, is the kernel, or
+#: looks on and may stop the axes.
+Role = Literal["owner", "host", "monitor", "kernel", "stopper"]
 
 
 def _finish(export: Any, memory: Any, fd: int, role: Role) -> None:
@@ -84,7 +86,7 @@ class Segment:
 
     >>> with Segment.private(Layout(command_bytes=8, feedback_bytes=8)) as segment:
     ...     segment.role, segment.size, segment.host_lives()
-    ('owner', 24576, True)
+    ('owner', 28672, True)
     """
 
     def __init__(
@@ -97,6 +99,7 @@ class Segment:
         self._memory = memory
         self._fd = fd
         self._created = created
+        self._stop_slot: int = SHARED
         self._state: Literal["open", "closed", "forked"] = "open"
         export = ffi.from_buffer("char[]", memory.buf)
         self._export = export
@@ -125,10 +128,10 @@ class Segment:
 
         Raises ``SegmentTakenError`` if a living process uses the name, ``SegmentStaleError`` if
         only dead ones did (unless ``replace_stale``), ``SegmentMemoryError``,
-        ``SegmentNameError``.
+        ``SegmentNameError``, ``InputError`` for a group that is not there or not this user's.
         """
         check_name(name)
-        gid = grp.getgrnam(group).gr_gid if isinstance(group, str) else group
+        gid = group_number(group)
         while True:
             temporary = f"{name}{INCOMPLETE}-{os.getpid()}-{time.monotonic_ns()}"
             fd = create_file(name, temporary, layout, gid)
@@ -143,12 +146,14 @@ class Segment:
                 give_name(name, path_of(temporary), replace_stale)
                 if role == "kernel":
                     take_lock(fd, fcntl.F_WRLCK, Lock.KERNEL)
-                memory = map_file(PREFIX + name)
+                memory = Pages(fd, writable=True)
                 return cls._opened(name, layout, role, memory, fd, created=True)
-            except BaseException:
+            except BaseException as error:
                 if memory is not None:
                     memory.close()
                 os.close(fd)
+                if isinstance(error, OSError):
+                    raise no_memory(error, name, layout.size) from error
                 raise
             finally:
                 with contextlib.suppress(FileNotFoundError):
@@ -160,23 +165,23 @@ class Segment:
         name: str,
         layout: Layout | None = None,
         *,
-        role: Literal["host", "monitor", "kernel"] = "monitor",
+        role: Literal["host", "monitor", "kernel", "stopper"] = "monitor",
         any_owner: bool = False,
     ) -> Self:
         """Open the segment of kernel ``name``.
 
-        A monitor maps the pages read-only, and there may be any number. There is one host and one
-        kernel at a time, each held by a lock that ends with its process. ``layout`` is what the
-        content must be; None takes the one found. ``any_owner`` accepts a segment that another
-        user created.
+        A monitor maps the pages read-only, a stopper asks for stops, and of both there may be any
+        number. There is one host and one kernel at a time, each held by a lock that ends with its
+        process. ``layout`` is what the content must be; None takes the one found. ``any_owner``
+        accepts a segment that another user created.
 
         Raises ``SegmentMissingError``, ``SegmentOwnerError``, ``HostTakenError`` (with the pid of
-        the other), ``KernelTakenError``, or the ``SegmentFormatError`` that says what is wrong with
-        the content.
+        the other), ``KernelTakenError``, ``SegmentMemoryError`` where the system lacks something,
+        or the ``SegmentFormatError`` that says what is wrong with the content.
         """
         check_name(name)
-        if role not in ("host", "monitor", "kernel"):
-            raise ValueError(f"role = {role!r} is not 'host', 'monitor' or 'kernel'")
+        if role not in ("host", "monitor", "kernel", "stopper"):
+            raise ValueError(f"role = {role!r} is not 'host', 'monitor', 'kernel' or 'stopper'")
         path = path_of(name)
         fd = open_file(name, path, os.O_RDONLY if role == "monitor" else os.O_RDWR)
         memory: Any = None
@@ -186,7 +191,7 @@ class Segment:
                 raise errors.SegmentMissingError(
                     f"segment {name!r} is being removed: its owners died", name=name
                 )
-            memory = ReadOnlyPages(fd) if role == "monitor" else map_file(PREFIX + name)
+            memory = Pages(fd, writable=role != "monitor")
             if not still_named(fd, path):
                 raise errors.SegmentMissingError(f"segment {name!r} was just removed", name=name)
             with ffi.from_buffer("char[]", memory.buf) as base:
@@ -199,10 +204,12 @@ class Segment:
             if role == "kernel" and not take_lock(fd, fcntl.F_WRLCK, Lock.KERNEL):
                 raise errors.KernelTakenError(f"kernel {name!r} is already running", name=name)
             return cls._opened(name, found, role, memory, fd)
-        except BaseException:
+        except BaseException as error:
             if memory is not None:
                 memory.close()
             os.close(fd)
+            if isinstance(error, OSError):
+                raise no_memory(error, name, 0) from error
             raise
 
     @classmethod
@@ -221,7 +228,9 @@ class Segment:
     ) -> Self:
         """The Segment of a file whose locks are taken; begins the epoch of its role."""
         segment = cls(name, layout, role, memory, fd, created)
-        if role == "host":
+        if role == "stopper":
+            segment._stop_slot = claim(fd, segment.base)
+        elif role == "host":
             lib.sj_shm_begin_host(segment.base, os.getpid(), time.monotonic_ns())
         elif role == "kernel":
             lib.sj_shm_begin_kernel(segment.base, time.monotonic_ns())
@@ -248,6 +257,18 @@ class Segment:
     def size(self) -> int:
         """Bytes of the segment."""
         return self._layout.size
+
+    @property
+    def stop_slot(self) -> int:
+        """The slot for stop requests of this process, for the C calls."""
+        return self._stop_slot
+
+    def is_same(self, other: Segment) -> bool:
+        """Whether both are one memory, not two that had the same name one after the other."""
+        _ = self.base, other.base
+        if self is other or min(self._fd, other._fd) < 0:
+            return self is other
+        return os.path.samestat(os.fstat(self._fd), os.fstat(other._fd))
 
     @property
     def closed(self) -> bool:
@@ -293,6 +314,10 @@ class Segment:
         """Whether a living process is host. Asks for the lock only: a silent host lives."""
         _ = self.base
         return self._fd < 0 or self._role == "host" or locked_by_other(self._fd, Lock.HOST)
+
+    def host_pid(self) -> int | None:
+        """The process that is host, or None; for messages: it may end at any moment."""
+        return int(lib.sj_shm_host_pid(self.base)) if self.host_lives() else None
 
     def kernel_lives(self) -> bool:
         """Whether a living process is the kernel."""

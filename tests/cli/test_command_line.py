@@ -7,17 +7,20 @@ import math
 import os
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sjerk import Axis, InputError, Limits, MotionKernel, Recording
+from sjerk import Axis, InputError, Limits, Monitor, MotionKernel, Recording
 from sjerk.__main__ import main
 from sjerk.cli import common
 from sjerk.cli.arguments import by_axis, duration, duration_or_inf
 from sjerk.handshake import Layout, Segment
+from sjerk.host import EventKind, StopKind
 
 LEAVE = (
     "import os, sys; from sjerk.handshake import *; "
@@ -219,9 +222,10 @@ def test_a_missing_extra_is_named_with_its_module(
     """One line, and what to install."""
     file = tmp_path / "robot.toml"
     file.write_text(FILE)
-    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    monkeypatch.setitem(sys.modules, "pyarrow", None)  # also where it has been imported before
+    monkeypatch.setitem(sys.modules, "pyarrow.parquet", None)
     monkeypatch.delitem(sys.modules, "sjerk.recording.parquet", raising=False)
-    assert main(["kernel", str(file), "--record", "a.parquet"]) == 1
+    assert main(["kernel", str(file), "--record", "a.parquet", "--seconds", "1"]) == 1
     told = capsys.readouterr().err
     assert told == "sjerk: module 'pyarrow' is not installed: the extra is sjerk[record]\n"
 
@@ -280,17 +284,19 @@ def test_exit_codes_are_in_the_help(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_who_is_host_already_is_named_with_what_halts_it() -> None:
-    """A stop beside a host of this process: its process, and the order that ends its move."""
+    """An order beside a host of this process: its process, and the orders that stop its move."""
     axis = Axis(Limits(90.0, 500.0, 5000.0), 2**24 / 360.0, unit="deg")
     with MotionKernel([axis], 1e-3) as kernel, kernel.host():
-        done = sjerk("stop", "--name", kernel.name)
+        done = sjerk("enable", "--name", kernel.name)
         assert done.returncode == 1
-        assert f"process {os.getpid()}: Ctrl-C there, or `kill -INT {os.getpid()}`" in done.stderr
+        assert f"process {os.getpid()}: `sjerk stop` halts the axes beside it" in done.stderr
 
 
 LEAD = """
-import sys, time
+import signal, sys, time
 from sjerk import Host
+if "--deaf" in sys.argv:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
 with Host.attach(sys.argv[1]) as host:
     host.enable()
     host.jog(20.0).accepted()
@@ -300,31 +306,62 @@ with Host.attach(sys.argv[1]) as host:
 """
 
 
+@contextmanager
+def leader(name: str, *options: str) -> Iterator[subprocess.Popen[str]]:
+    """A program that is host and jogs, in a process of its own."""
+    program = [sys.executable, "-c", LEAD, name, *options]
+    pipe = subprocess.PIPE
+    with subprocess.Popen(program, stdout=pipe, stderr=pipe, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "leads\n"
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+def one_axis() -> Axis:
+    return Axis(Limits(90.0, 500.0, 5000.0), 2**24 / 360.0, unit="deg")
+
+
 @pytest.mark.parametrize("quick", [(), ("--quick",)])
-def test_a_stop_with_interrupt_ends_the_program_that_leads_and_stops_what_it_moved(
-    quick: tuple[str, ...],
-) -> None:
-    """From another terminal: the host leaves, then this one stops the axes; without it, refused."""
-    axis = Axis(Limits(90.0, 500.0, 5000.0), 2**24 / 360.0, unit="deg")
-    with MotionKernel([axis], 1e-3) as kernel:
-        leader = subprocess.Popen(
-            [sys.executable, "-c", LEAD, kernel.name],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        assert leader.stdout is not None
-        assert leader.stdout.readline() == "leads\n"
-        refused = sjerk("stop", "--name", kernel.name)
-        assert refused.returncode == 1
-        assert "`sjerk stop --interrupt`" in refused.stderr
-        done = sjerk("stop", "--interrupt", "--json", *quick, "--name", kernel.name)
-        assert done.returncode == 0, done.stderr
-        assert "KeyboardInterrupt" in leader.communicate(timeout=600)[1]
-        again = sjerk("stop", "--interrupt", "--name", kernel.name)  # nobody leads
+def test_a_stop_works_while_another_program_leads(quick: tuple[str, ...]) -> None:
+    """The axes are at rest, the program goes on, and the event names who asked."""
+    with MotionKernel([one_axis()], 1e-3) as kernel, leader(kernel.name) as process:
+        with Monitor.attach(kernel.name) as monitor:
+            done = sjerk("stop", "--json", *quick, "--name", kernel.name)
+            assert done.returncode == 0, done.stderr
+            assert json.loads(done.stdout)["axes"][0]["velocity"] == 0.0
+            assert monitor.host_pid == process.pid
+            told = [e for e in monitor.events()[0] if e.kind is EventKind.STOP]
+        assert [StopKind(event.code) for event in told] == [
+            StopKind.QUICK_STOP if quick else StopKind.HALT
+        ]
+        assert told[0].pid not in (None, process.pid, os.getpid())
+        assert process.poll() is None
+
+
+def test_a_stop_with_interrupt_ends_the_program_that_leads() -> None:
+    """Its Ctrl-C comes after the stop; where nobody leads it is a stop like any other."""
+    with MotionKernel([one_axis()], 1e-3) as kernel:
+        with leader(kernel.name) as process:
+            done = sjerk("stop", "--interrupt", "--json", "--name", kernel.name)
+            assert done.returncode == 0, done.stderr
+            assert "KeyboardInterrupt" in process.communicate(timeout=600)[1]
+        again = sjerk("stop", "--interrupt", "--name", kernel.name)
         assert again.returncode == 0, again.stderr
         with kernel.host() as host:
             assert host.feedback().axes[0].velocity == 0.0
+
+
+def test_a_program_that_is_deaf_to_ctrl_c_is_stopped_and_named() -> None:
+    """It still leads, which is an error; the axes are at rest all the same."""
+    with MotionKernel([one_axis()], 1e-3) as kernel, leader(kernel.name, "--deaf") as process:
+        done = sjerk("stop", "--interrupt", "--name", kernel.name)
+        assert done.returncode == 1
+        assert f"at rest, but process {process.pid} still leads" in done.stderr
+        with Monitor.attach(kernel.name) as monitor:
+            assert monitor.feedback().axes[0].velocity == 0.0
 
 
 def test_the_live_table_needs_no_host(tmp_path: Path) -> None:

@@ -20,21 +20,15 @@ static uint64_t draw(void)
     return random_state;
 }
 
-static uint32_t below(uint32_t n)
-{
-    return (uint32_t)(draw() >> 32) % n;
-}
+static uint32_t below(uint32_t n) { return (uint32_t)(draw() >> 32) % n; }
 
 /* Small, large, extreme, and anything in between. */
 static int32_t wild(void)
 {
     switch (below(5)) {
-    case 0:
-        return (int32_t)below(64) - 32;
-    case 1:
-        return below(2) ? INT32_MAX : INT32_MIN;
-    default:
-        return (int32_t)((uint32_t)draw() >> below(31)) * (below(2) ? 1 : -1);
+    case 0: return (int32_t)below(64) - 32;
+    case 1: return below(2) ? INT32_MAX : INT32_MIN;
+    default: return (int32_t)((uint32_t)draw() >> below(31)) * (below(2) ? 1 : -1);
     }
 }
 
@@ -77,7 +71,8 @@ static const uint8_t LEGAL[8][8] = {
 int main(int count, char **arguments)
 {
     const uint64_t cycles = strtoull(count > 1 ? arguments[1] : "100000", NULL, 10);
-    static const uint16_t walk[] = {0x00, 0x06, 0x07, 0x0F, 0x0F, 0x0F, 0x0F, 0x80, 0x02, 0x10F, 0x1F, 0x1F, 0x3F, 0x5F};
+    static const uint16_t walk[] = {0x00,  0x06,  0x07, 0x0F, 0x0F, 0x0F, 0x0F,  0x80, 0x02,
+                                    0x10F, 0x11F, 0x1F, 0x1F, 0x3F, 0x5F, 0x21F, 0x25F};
     static const int8_t modes[] = {0, 1, 1, 3, 6, 8, 8, 8, 9, 10, 7, -1};
     static const uint16_t climb[8] = {0x00, 0x06, 0x07, 0x0F, 0x0F, 0x0F, 0x0F, 0x00};
     uint64_t visited[8] = {0};
@@ -112,7 +107,8 @@ int main(int count, char **arguments)
             rx.controlword = 0x80;
         }
         if (below(40) == 0) {
-            rx.controlword = below(3) ? walk[below(sizeof walk / sizeof walk[0])] : (uint16_t)draw();
+            rx.controlword =
+                below(3) ? walk[below(sizeof walk / sizeof walk[0])] : (uint16_t)draw();
         }
         if (below(60) == 0) {
             rx.mode = modes[below(sizeof modes)];
@@ -124,8 +120,8 @@ int main(int count, char **arguments)
             drive.causes = 0;
         }
         rx.sync_missed = below(50) == 0;
-        rx.target_position = below(100) ? (int32_t)((uint32_t)tx.position_demand + below(2000) - 1000)
-                                      : wild();
+        rx.target_position =
+            below(100) ? (int32_t)((uint32_t)tx.position_demand + below(2000) - 1000) : wild();
         rx.position_offset = below(200) ? 0 : wild();
         rx.velocity_offset = below(20) ? 0 : wild();
         rx.target_velocity = below(3) ? (int32_t)below(1000000) : wild();
@@ -142,10 +138,12 @@ int main(int count, char **arguments)
                     isfinite(drive.verdict.jerk_max_rev_s3),
                 "not finite", k);
         promise(drive.servo.fraction >= 0.0 && drive.servo.fraction <= 1.0, "encoder fraction", k);
-        promise(drive.actual.units >= drive.config.range_min &&
-                    drive.actual.units <= drive.config.range_max, "range of 607Bh", k);
+        promise(drive.actual.units >= drive.scale.range_min &&
+                    drive.actual.units < drive.scale.range_min + drive.scale.range,
+                "range of 607Bh", k);
         promise(drive.state == SJ_STATE_OPERATION_ENABLED || tx.mode_display == SJ_MODE_HOMING ||
-                    !(tx.statusword & SJ_SW_FOLLOWS), "follows while not enabled", k);
+                    !(tx.statusword & SJ_SW_FOLLOWS),
+                "follows while not enabled", k);
         visited[drive.state]++;
     }
     for (int state = 0; state < 8; state++) {

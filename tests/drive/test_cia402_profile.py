@@ -113,19 +113,41 @@ def test_a_set_point_can_change_at_once(at: int, goal: int) -> None:
     check_limits(axis.demands)
 
 
-def test_halt_slows_a_move_down_and_a_new_set_point_goes_on() -> None:
-    """Bit 8: standstill in bit 10; the old set-point is over."""
+@pytest.mark.parametrize("held", [10, 400])
+def test_a_set_point_is_kept_under_halt(held: int) -> None:
+    """Bit 8 slows down, bit 10 shows standstill; released, also in mid-ramp, the move goes on."""
     axis = Positioner()
     axis.go(20 * REV)
     for _ in range(300):
         axis.step()
-    for _ in range(400):
+    for _ in range(held):
         feedback = axis.step(0x100)
-    assert feedback.velocity_demand == 0
-    assert feedback.statusword & REACHED
-    axis.go(0)
+    stands = held == 400
+    assert (feedback.velocity_demand == 0) is stands
+    assert bool(feedback.statusword & REACHED) is stands
     axis.until_reached()
-    assert axis.feedback.position_demand == 0
+    assert axis.feedback.position_demand == 20 * REV
+
+
+def test_a_set_point_given_under_halt_is_taken_and_begins_when_halt_ends() -> None:
+    """Bit 12 answers under halt; at once with bit 5, behind the first one without."""
+    for bits, turning in ((0x20, -REV), (0, 20 * REV)):
+        axis = Positioner()
+        axis.go(20 * REV)
+        for _ in range(300):
+            axis.step()
+        for _ in range(400):
+            axis.step(0x100)
+        stood = axis.feedback.position_demand
+        assert axis.step(0x110 | bits, -REV).statusword & ACK
+        for _ in range(50):
+            assert axis.step(0x100).position_demand == stood
+        furthest = stood
+        for _ in range(8000):
+            furthest = max(furthest, axis.step().position_demand)
+        assert axis.feedback.position_demand == -REV
+        assert axis.feedback.statusword & REACHED
+        assert furthest == max(stood, turning)
 
 
 def test_software_limits_hold_a_set_point() -> None:

@@ -10,6 +10,7 @@ from helpers.handshake_models import (
     Exchange,
     Latch,
     Ring,
+    Stops,
     ViolationError,
     collected,
     command_successors,
@@ -21,6 +22,8 @@ from helpers.handshake_models import (
     published,
     ring_successors,
     ring_wrong,
+    stop_successors,
+    stop_wrong,
 )
 from sjerk._binding import ffi, lib
 from sjerk.handshake import Layout, Segment
@@ -46,6 +49,12 @@ def test_no_run_of_the_latch_tears_or_hides_the_newest_frame() -> None:
 def test_no_run_of_the_ring_tears_loses_or_doubles(most: int, kills: int) -> None:
     """Records come whole, in order, once; only flushed and misaddressed ones are left out."""
     assert explore(Ring(), ring_successors(most, kills), ring_wrong) > 1000
+
+
+@pytest.mark.parametrize(("most", "kills"), [(3, 1), (2, 2)])
+def test_no_run_of_the_stop_requests_loses_doubles_or_misnames(most: int, kills: int) -> None:
+    """Whoever is killed at whichever step: each request is taken once, with who asked."""
+    assert explore(Stops(), stop_successors(most, kills), stop_wrong) > 1000
 
 
 # ---- the search can fail ------------------------------------------------------------------------
@@ -86,6 +95,24 @@ def test_without_the_stamp_a_new_kernel_takes_records_for_the_old() -> None:
     """Moving the tail alone does not keep a late batch away from the new kernel."""
     with pytest.raises(ViolationError, match="meant for another kernel"):
         explore(Ring(), ring_successors(3, 1, stamped=False), ring_wrong)
+
+
+@pytest.mark.parametrize(
+    ("twin", "what"),
+    [
+        ({"atomic": False}, "doubled"),
+        ({"exchanged": False}, "lost"),
+        ({"patient": False}, "told of another process"),
+        ({"named_first": False}, "told of another process"),
+        ({"only_seen": False}, "told of another process"),
+    ],
+)
+def test_a_broken_twin_of_the_stop_requests_is_found(twin: dict[str, bool], what: str) -> None:
+    """A set that is loaded and stored, one that is read and zeroed, a claim that does not
+    wait, a name that is read too late, a set taken in another's name.
+    """
+    with pytest.raises(ViolationError, match=what):
+        explore(Stops(), stop_successors(3, 1, **twin), stop_wrong)
 
 
 # ---- the C takes the same steps -----------------------------------------------------------------

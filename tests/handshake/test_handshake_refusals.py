@@ -81,7 +81,7 @@ def test_a_size_that_is_no_int_is_refused(value: Any) -> None:
         Layout(command_bytes=value, feedback_bytes=8)
 
 
-@pytest.mark.parametrize("bad", ["", "a/b", "..", "a.b", "-a", "a b", "ä", "a\0", "a" * 201])
+@pytest.mark.parametrize("bad", ["", "a/b", "..", "a.b", "-a", "a b", "ä", "a\0", "a" * 195])
 def test_a_bad_name_is_refused(bad: str) -> None:
     """Before the file system sees it."""
     with pytest.raises(errors.SegmentNameError):
@@ -92,7 +92,7 @@ def test_a_bad_name_is_refused(bad: str) -> None:
 
 def test_the_longest_name_works() -> None:
     """The limit that the message gives is the limit."""
-    name = f"test-{secrets.token_hex(6)}".ljust(200, "x")
+    name = f"test-{secrets.token_hex(6)}".ljust(194, "x")
     with Segment.create(name, LAYOUT), Segment.attach(name, LAYOUT, role="host"):
         pass
     assert not Path(f"/dev/shm/sjerk-{name}").exists()
@@ -156,7 +156,7 @@ def spoil(path: Path, at: int, new: bytes) -> None:
     [
         (READY, bytes(8), errors.SegmentNotReadyError),
         (0, b"GARBAGE!", errors.SegmentGarbageError),
-        (8, b"\2", errors.SegmentVersionError),
+        (8, b"\1", errors.SegmentVersionError),
         (40, b"\6", errors.SegmentLayoutError),
         (48, b"\xff" * 8, errors.SegmentGarbageError),
         (16, b"\xff" * 24, errors.SegmentGarbageError),
@@ -210,7 +210,7 @@ def test_what_is_no_file_is_refused(name: str, kind: str) -> None:
 def test_another_version_is_named(path: Path, name: str) -> None:
     """The error says which layout was found and which can be read."""
     spoil(path, 8, b"\7\0\0\0\3")
-    with pytest.raises(errors.SegmentVersionError, match=r"layout 7\.3, .* reads 1\.x"):
+    with pytest.raises(errors.SegmentVersionError, match=r"layout 7\.3, .* reads 2\.x"):
         Segment.attach(name, LAYOUT, role="host")
 
 

@@ -1,4 +1,4 @@
-"""The C under ThreadSanitizer: host, kernel, two monitors and a listener at full speed."""
+"""The C under ThreadSanitizer: host, kernel, monitors, a listener, two that stop, at full speed."""
 
 from __future__ import annotations
 
@@ -41,14 +41,14 @@ def hammer(folder: Path, room: str) -> subprocess.CompletedProcess[str]:
 
 
 def test_there_is_no_data_race(tmp_path: Path) -> None:
-    """No plain access beside a concurrent one, nothing torn, in any of the four exchanges."""
+    """No plain access beside a concurrent one, nothing torn, in any of the five exchanges."""
     done = hammer(tmp_path, room_text())
     assert "data race" not in done.stderr, done.stderr[:2000]
     assert done.returncode == 0, done.stdout + done.stderr[:2000]
     words = done.stdout.split()
     counts = dict(zip(words[::2], map(int, words[1::2]), strict=True))
     assert counts["sent"] == 4000
-    assert min(counts["collected"], counts["frames"], counts["events"]) > 0
+    assert min(counts["collected"], counts["frames"], counts["events"], counts["stops"]) > 0
     assert counts["wrong"] == 0
 
 

@@ -66,20 +66,30 @@ class Bench:
         self.node.sdo[0x605A].raw = option
         self.node.sdo[0x60C2][1].raw = 2
         self.node.sdo[0x10F1][2].raw = 0xFFFF  # a test machine that stalls is no lost master
-        if not self.by_pdo:
-            for index in (0x1400, 0x1800):
-                self.node.sdo[index][1].raw = self.node.sdo[index][1].raw | 0x80000000
+        self.node.sdo[0x2100][7].raw = 2000
+        for index in (0x1400, 0x1800):
+            self.node.sdo[index][2].raw = 1  # with each SYNC
+        self.switch_pdos_off_for_sdo()
         self.node.setup_402_state_machine()
         self.node.nmt.state = "OPERATIONAL"
         if self.by_pdo:
             self.node.tpdo[1].add_callback(self._see)
             self.node.rpdo[1]["Target position"].raw = self.node.sdo[0x6064].raw
-            # multicast echoes the master's own frames: they must not undo what was set since
-            rpdo = self.node.rpdo[1]
-            self.network.unsubscribe(rpdo.cob_id, rpdo.on_message)
+            self.ignore_echo()
             self._thread = threading.Thread(target=self._cycle, daemon=True)
             self._thread.start()
             assert self.node.tpdo[1].wait_for_reception(2) is not None
+
+    def ignore_echo(self) -> None:
+        """Multicast echoes the master's own frames: they must not undo what was set since."""
+        rpdo = self.node.rpdo[1]
+        self.network.unsubscribe(rpdo.cob_id, rpdo.on_message)
+
+    def switch_pdos_off_for_sdo(self) -> None:
+        """The master finds no process data and speaks SDO alone, unless it is to use them."""
+        if not self.by_pdo:
+            for index in (0x1400, 0x1800):
+                self.node.sdo[index][1].raw = self.node.sdo[index][1].raw | 0x80000000
 
     def _see(self, frame: canopen.pdo.base.PdoMap) -> None:
         self._answered.set()
@@ -297,6 +307,30 @@ def c13_boot_up_and_heartbeat_are_sent(bench: Bench) -> None:
     for _ in range(3):
         bench.node.nmt.wait_for_heartbeat(5)
     assert bench.node.nmt.state == "OPERATIONAL"
+
+
+def c2_without_sync_the_machine_is_set_up_and_led(bench: Bench) -> None:
+    """Defaults of CiA 402, nobody sends SYNC: every state, a mode, a move in profile position."""
+    bench.boot()
+    bench.switch_pdos_off_for_sdo()
+    bench.node.setup_402_state_machine()
+    assert [p.trans_type for p in (bench.node.rpdo[1], bench.node.tpdo[1])] == [255, 255]
+    bench.node.nmt.state = "OPERATIONAL"
+    if bench.by_pdo:
+        bench.ignore_echo()
+    bench.node.op_mode = "PROFILED POSITION"
+    bench.node.state = "OPERATION ENABLED"
+    assert bench.node.state == "OPERATION ENABLED"
+    if bench.by_pdo:  # goes out with the controlword
+        bench.node.rpdo[1]["Target position"].raw = REV // 2
+    bench.node.sdo[0x607A].raw = REV // 2
+    bench.node.controlword = 0x001F
+    bench.wait(lambda: bench.node.sdo[0x6041].raw & 0x1000 != 0)
+    bench.node.controlword = 0x000F
+    bench.wait(lambda: bench.node.sdo[0x6041].raw & 0x1400 == 0x0400)
+    assert abs(bench.node.sdo[0x6064].raw - REV // 2) <= 10
+    bench.node.state = "SWITCH ON DISABLED"
+    assert bench.node.state == "SWITCH ON DISABLED"
 
 
 def stream_of_2000_targets_arrives(bench: Bench) -> None:

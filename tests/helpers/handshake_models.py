@@ -431,3 +431,129 @@ def ring_wrong(s: Ring) -> str | None:
     if not s.tail <= s.head <= s.tail + RING_SLOTS:
         return "head and tail apart"
     return s.bad or None
+
+
+# ---- stop requests ------------------------------------------------------------------------------
+
+STOP_SETS = STOP_AXES = 2
+
+
+class Stops(NamedTuple):
+    """One slot, its processes in turn, and the kernel. A request is (process, set, axis)."""
+
+    sets: tuple[int, ...] = (0,) * STOP_SETS  # shared: axes to be halted, to be quick-stopped
+    pid: int = 0  # shared: whose slot it is
+    owner: int = 1  # the process that holds the lock of the slot
+    requester: tuple[Any, ...] = ("claim", 0)
+    kernel: tuple[Any, ...] = ("idle",)
+    asked: frozenset[tuple[int, int, int]] = frozenset()  # ghost: made, and not taken
+    made: int = 0
+    requester_kills: int = 0
+    kernel_kills: int = 0
+    bad: str = ""
+
+
+def stop_successors(
+    most: int,
+    kills: int,
+    *,
+    atomic: bool = True,
+    exchanged: bool = True,
+    patient: bool = True,
+    named_first: bool = True,
+    only_seen: bool = True,
+) -> Successors:
+    """Broken twins: a set that is loaded and stored (not ``atomic``), one that the kernel stores 0
+    into after it has read it (not ``exchanged``), a claim beside a request that waits (not
+    ``patient``), a kernel that asks whose slot it is after it has emptied it (not
+    ``named_first``), one that empties a set that it has not seen to be filled before it asked
+    (not ``only_seen``).
+    """
+
+    def requester(s: Stops) -> Iterator[Stops]:
+        match s.requester:
+            case ("claim", n):
+                if patient and s.sets[n]:
+                    yield s._replace(requester=("claim", 0))
+                elif patient and n + 1 < STOP_SETS:
+                    yield s._replace(requester=("claim", n + 1))
+                else:
+                    yield s._replace(pid=s.owner, requester=("idle",))
+            case ("idle",):
+                if s.made < most:
+                    for n in range(STOP_SETS):
+                        for axis in range(STOP_AXES):
+                            yield s._replace(made=s.made + 1, requester=("or", n, axis))
+            case ("or", n, axis):
+                wanted = s.sets[n] | 1 << axis
+                step = s._replace(requester=("store", n, axis, wanted))
+                yield from requester(step) if atomic else (step,)
+            case ("store", n, axis, wanted):
+                yield s._replace(
+                    sets=put(s.sets, n, wanted),
+                    asked=s.asked | {(s.owner, n, axis)},
+                    requester=("idle",),
+                )
+
+    def dying(s: Stops) -> Iterator[Stops]:
+        if s.requester_kills < kills:
+            kills_now = s.requester_kills + 1
+            yield s._replace(owner=s.owner + 1, requester=("claim", 0), requester_kills=kills_now)
+        if s.kernel_kills < kills:
+            yield s._replace(kernel=("begin", 0), kernel_kills=s.kernel_kills + 1)
+
+    def without(s: Stops, n: int) -> frozenset[tuple[int, int, int]]:
+        return frozenset(one for one in s.asked if one[1] != n)
+
+    def judged(pid: int, n: int, axes: int, asked: frozenset[tuple[int, int, int]]) -> str:
+        """What is wrong with a set that was taken, in the name of ``pid``, of those requests."""
+        for axis in range(STOP_AXES):
+            by = {one[0] for one in asked if one[1:] == (n, axis)}
+            if by and not axes >> axis & 1:
+                return "lost"
+            if axes >> axis & 1 and not by:
+                return "doubled"
+            if axes >> axis & 1 and pid not in by:
+                return "told of another process"
+        return ""
+
+    def kernel(s: Stops) -> Iterator[Stops]:
+        match s.kernel:
+            case ("idle",):
+                yield s._replace(kernel=("look", s.sets[0]))
+            case ("look", first):
+                seen = (first, s.sets[1])
+                if any(seen):
+                    yield s._replace(kernel=("name", seen))
+                else:
+                    yield s._replace(kernel=("idle",))
+            case ("name", seen):
+                yield s._replace(kernel=("take", s.pid, seen, STOP_SETS - 1))
+            case ("take", pid, seen, -1):
+                yield s._replace(kernel=("idle",))
+            case ("take", pid, seen, n):
+                if only_seen and not seen[n]:
+                    yield s._replace(kernel=("take", pid, seen, n - 1))
+                elif exchanged:
+                    gone = s._replace(sets=put(s.sets, n, 0), asked=without(s, n))
+                    yield gone._replace(kernel=("tell", pid, seen, n, s.sets[n], s.asked))
+                else:
+                    yield s._replace(kernel=("zero", pid, seen, n, s.sets[n]))
+            case ("zero", pid, seen, n, axes):
+                gone = s._replace(sets=put(s.sets, n, 0), asked=without(s, n))
+                yield gone._replace(kernel=("tell", pid, seen, n, axes, s.asked))
+            case ("tell", pid, seen, n, axes, asked):
+                bad = judged(pid if named_first else s.pid, n, axes, asked)
+                yield s._replace(kernel=("take", pid, seen, n - 1), bad=bad)
+            case ("begin", n):
+                following = ("begin", n + 1) if n + 1 < STOP_SETS else ("idle",)
+                yield s._replace(sets=put(s.sets, n, 0), asked=without(s, n), kernel=following)
+
+    return lambda s: (*requester(s), *kernel(s), *dying(s)) if not s.bad else ()
+
+
+def stop_wrong(s: Stops) -> str | None:
+    """Lost, doubled, told of another process; or a request that no kernel will find."""
+    if any(not s.sets[n] >> axis & 1 for _, n, axis in s.asked):
+        return "lost"
+    return s.bad or None

@@ -69,8 +69,10 @@ def test_a_stale_image_is_a_lost_axis_and_the_others_stop_along_their_ramp() -> 
     move = loop.host.move([60.0, 50.0, -40.0])
     loop.step(400)
     loop.silent = {1}
-    lost = loop.kernel.image.inputs["position_actual"][1]
+    lost = loop.kernel.image.outputs["target_position"][1]
     loop.step(800)
+    # it may still hear us: its quick stop, and no step back to where it was seen last
+    assert not loop.kernel.image.outputs["controlword"][1] & 0x0004
     assert loop.states()[1] is AxisState.ERROR_STOP
     assert loop.events(EventKind.SYNC) == [(1, 0)]
     assert move.state is MoveState.STOPPED

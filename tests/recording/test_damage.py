@@ -16,6 +16,7 @@ from pyarrow import parquet
 
 from sjerk import Axis, InputError, Limits, MotionKernel, Recorder, Recording, replay
 from sjerk.__main__ import main
+from sjerk._binding import lib
 
 AXES = 3
 CYCLES = 4000  # some chunks of an MCAP file
@@ -37,7 +38,9 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
             host.enable()
             for goal in range(1, 9):
                 host.move([10.0 * goal, -5.0 * goal, 1.0 * goal])
-                kernel.step(CYCLES // 8)
+                kernel.step(CYCLES // 8 - 200)
+                lib.sj_stop_request(kernel.core.segment, 0, 0b1, 0)  # beside the host
+                kernel.step(200)
     return found
 
 
@@ -47,7 +50,7 @@ def read(file: Path) -> Recording | None:
         recording = Recording.open(file)
         assert len(recording) == len(recording.all.missed)
         assert len(recording.events) == len(recording.all.events)
-        assert len(recording.way_points(0)[0]) == 0
+        assert len(recording.knots(0)[0]) == 0
     except InputError as fault:
         refused = fault
     else:
@@ -62,7 +65,7 @@ def same_cycles(found: Recording, original: Recording) -> None:
     frames = original.all.frames[: len(found)]
     assert found.all.frames.tobytes() == frames.tobytes()
     last = int(found.cycle[-1]) if len(found) else 0
-    for part in ("commands", "events"):
+    for part in ("commands", "events", "stops"):
         rows = getattr(original.all, part)
         cycle = rows["cycle"]
         assert getattr(found.all, part).tobytes() == rows[cycle <= last].tobytes(), part

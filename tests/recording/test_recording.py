@@ -471,7 +471,12 @@ def test_a_recording_that_begins_later_or_lacks_a_command_is_refused() -> None:
 
     def only(frames: np.ndarray, commands: np.ndarray) -> Recording:
         part = type(whole)(
-            frames, np.zeros(len(frames), np.uint64), commands, whole.records, whole.events
+            frames,
+            np.zeros(len(frames), np.uint64),
+            commands,
+            whole.records,
+            whole.events,
+            whole.stops,
         )
         return Recording(found.description, lambda: iter((part,)))
 
@@ -483,7 +488,7 @@ def test_a_recording_that_begins_later_or_lacks_a_command_is_refused() -> None:
         replay(only(np.delete(whole.frames, slice(40, 50)), whole.commands))
 
 
-def test_way_points_of_a_path_are_planned_where_they_are_commanded() -> None:
+def test_knots_of_a_path_are_planned_where_they_are_commanded() -> None:
     """Recorded with their cycles: the commanded position of that cycle, bit for bit."""
     axis = Axis(LIMITS, COUNTS, "ideal")
     rng = np.random.default_rng(1)
@@ -501,8 +506,9 @@ def test_way_points_of_a_path_are_planned_where_they_are_commanded() -> None:
 
     found = simulate(MotionKernel([axis] * 2, T), act, 4000)
     for i in range(2):
-        cycles, positions = found.way_points(i)
-        assert positions.tolist() == points[1:, i].tolist()
+        cycles, positions = found.knots(i)
+        given = [block.position[1:, i] for block in plan]
+        assert positions.tolist() == np.concatenate(given).tolist()
         assert found.position[cycles - 1, i].tolist() == positions.tolist()
     assert replay(found).identical
 

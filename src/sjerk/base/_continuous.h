@@ -22,10 +22,7 @@ static inline continuous lemma(sj_exact q, sj_exact v, sj_exact a, sj_exact j)
 }
 
 /* Lemma, point 2: a plan that ends here without acceleration lets the sample settle on (q, v). */
-static inline sj_exact lemma_end(double q, double v)
-{
-    return exact_two_sum(q, -0.5 * v);
-}
+static inline sj_exact lemma_end(double q, double v) { return exact_two_sum(q, -0.5 * v); }
 
 /* What a plan has to cover from there to a sample that settles on (q, v). */
 static inline double lemma_distance(const continuous *from, double q, double v)

@@ -3,14 +3,11 @@
  * far below the last bit of what is sent. Needs round-to-nearest and no contraction or fast-math.
  */
 #pragma once
-#include <stdint.h> /* bits of a double */
-#include <string.h> /* memcpy of bits */
+#include <stdint.h>      /* bits of a double */
+#include <string.h>      /* memcpy of bits */
 #include "base/_types.h" /* sj_exact */
 
-static inline sj_exact exact_of(double x)
-{
-    return (sj_exact){x, 0.0};
-}
+static inline sj_exact exact_of(double x) { return (sj_exact){x, 0.0}; }
 
 /* a + b without error, |a| >= |b|. */
 static inline sj_exact exact_fast_two_sum(double a, double b)
@@ -51,10 +48,7 @@ static inline sj_exact exact_add(sj_exact x, sj_exact y)
     return exact_fast_two_sum(s.hi, s.lo + t.lo);
 }
 
-static inline sj_exact exact_negate(sj_exact x)
-{
-    return (sj_exact){-x.hi, -x.lo};
-}
+static inline sj_exact exact_negate(sj_exact x) { return (sj_exact){-x.hi, -x.lo}; }
 
 static inline sj_exact exact_subtract(sj_exact x, sj_exact y)
 {
@@ -97,7 +91,4 @@ static inline double exact_nearest(double hi, double lo)
 }
 
 /* Halving is exact. */
-static inline sj_exact exact_half(sj_exact x)
-{
-    return (sj_exact){0.5 * x.hi, 0.5 * x.lo};
-}
+static inline sj_exact exact_half(sj_exact x) { return (sj_exact){0.5 * x.hi, 0.5 * x.lo}; }

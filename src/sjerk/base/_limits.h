@@ -1,6 +1,6 @@
 /* Limits of one motion that several axes share. */
 #pragma once
-#include <math.h> /* fabs, fmin */
+#include <math.h>        /* fabs, fmin */
 #include "base/_types.h" /* sj_limits */
 
 /* Narrows the limits of a motion s(t), so that an axis that moves by `ratio` of it keeps its own:

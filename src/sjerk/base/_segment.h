@@ -5,7 +5,7 @@
 #pragma once
 
 typedef struct {
-    double P, V, A;                     /* P from the way-point at the first knot */
+    double P, V, A; /* P from the way-point at the first knot */
 } segment_state;
 
 /* At the first knot, where the sample of jerk L stands on the way-point: q = P - V/2 + A/3 - L/8. */

@@ -6,13 +6,13 @@
 #include <stdint.h>
 
 enum {
-    SJ_AXES = 64,                       /* most axes of one kernel */
-    SJ_PHASES = 40                      /* most phases of one plan */
+    SJ_AXES = 64,  /* most axes of one kernel */
+    SJ_PHASES = 40 /* most phases of one plan */
 };
 #define SJ_CYCLES_MAX 1125899906842624 /* most cycles of one plan, 2^50 */
 
 typedef struct {
-    double hi, lo;                      /* the sum of both, about 106 bits (_double_double.h) */
+    double hi, lo; /* the sum of both, about 106 bits (_double_double.h) */
 } sj_exact;
 
 typedef struct {
@@ -27,10 +27,10 @@ typedef struct {
 
 /* A motion in whole cycles, jerks per cycle^3 in the direction of the axis. */
 typedef struct {
-    int64_t cycles;                     /* sum of the phases' cycles, N */
-    int32_t count;                      /* phases used */
-    int32_t kind;                       /* enum sj_plan_kind */
-    double velocity, acceleration;      /* limits it was made under, or 0: rounding is relative */
+    int64_t cycles;                /* sum of the phases' cycles, N */
+    int32_t count;                 /* phases used */
+    int32_t kind;                  /* enum sj_plan_kind */
+    double velocity, acceleration; /* limits it was made under, or 0: rounding is relative */
     sj_phase phase[SJ_PHASES];
 } sj_plan;
 

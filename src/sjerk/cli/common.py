@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -15,11 +16,11 @@ from typing import Any
 
 from sjerk.errors import HostTakenError, InputError, SegmentMissingError
 from sjerk.handshake import clean
-from sjerk.host import Feedback, Host
+from sjerk.host import Feedback, Host, Monitor
 from sjerk.recording import files
 
 #: Largest wait for a host that is about to leave, seconds.
-_PATIENCE = 2.0
+PATIENCE_S = 2.0
 
 
 # ---- arguments
@@ -32,6 +33,7 @@ def add_verb(
     job = jobs.add_parser(verb, help=help)
     if named:
         job.add_argument("--name", help="of the kernel; default: the only one that runs")
+        job.add_argument("--any-owner", action="store_true", help="also a kernel of another user")
     job.add_argument("--json", action="store_true", help="one JSON object per line")
     job.set_defaults(run=run)
     return job
@@ -76,7 +78,11 @@ def name_of(options: argparse.Namespace) -> str:
     """
     if options.name is not None:
         return str(options.name)
-    found = [info.name for info in clean(dry_run=True) if info.in_use and not info.companion]
+    found = [
+        info.name
+        for info in clean(dry_run=True)
+        if info.kernel and not info.companion and (options.any_owner or info.uid == os.geteuid())
+    ]
     if not found:
         raise SegmentMissingError("no kernel runs")
     if len(found) > 1:
@@ -87,17 +93,22 @@ def name_of(options: argparse.Namespace) -> str:
 def host_of(options: argparse.Namespace) -> Host:
     """Become the host of the kernel that is meant; the process that is it already is named."""
     try:
-        return Host.attach(name_of(options), wait=_PATIENCE)
+        return Host.attach(name_of(options), wait=PATIENCE_S, any_owner=options.any_owner)
     except HostTakenError as taken:
         pid = taken.pid
         what = (
-            f"{taken}: Ctrl-C there, or `kill -INT {pid}`, halts what a command of sjerk moves; "
-            "`sjerk stop --interrupt` does that"
+            f"{taken}: `sjerk stop` halts the axes beside it, `sjerk stop --interrupt` ends it "
+            f"too, as Ctrl-C there or `kill -INT {pid}` does"
         )
         raise HostTakenError(what, name=taken.name, pid=pid) from None
 
 
 # ---- results
+
+
+def printable(text: str) -> str:
+    """A name of a file, which may have any bytes, in one line."""
+    return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
 
 
 def show(options: argparse.Namespace, data: dict[str, Any]) -> None:
@@ -133,7 +144,7 @@ def axis_rows(feedback: Feedback) -> list[dict[str, Any]]:
     ]
 
 
-def show_axes(options: argparse.Namespace, host: Host) -> int:
+def show_axes(options: argparse.Namespace, host: Host | Monitor) -> int:
     """Print what the axes do; the exit code 0."""
     show(options, {"axes": axis_rows(host.feedback())})
     return 0

@@ -36,6 +36,7 @@ def add_arguments(jobs: Any) -> None:
     where = job.add_mutually_exclusive_group()
     where.add_argument("--name", help="of the kernel; default: the only one that runs")
     where.add_argument("--kernel", type=Path, help="run the kernel of this TOML file meanwhile")
+    job.add_argument("--any-owner", action="store_true", help="also a kernel of another user")
     modes = [mode.value for mode in ExecutionMode]
     job.add_argument("--mode", choices=modes, default="full_trajectory")
     job.add_argument("--delta", type=float, default=0.0, help="resample, axis units")

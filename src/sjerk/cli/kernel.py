@@ -6,6 +6,7 @@ Never here: motion, processes.
 from __future__ import annotations
 
 import argparse
+import sys
 import time
 from contextlib import ExitStack, suppress
 from dataclasses import asdict, replace
@@ -25,6 +26,7 @@ def add_arguments(jobs: Any) -> None:
     job = add_verb(jobs, "kernel", run, text, named=False)
     job.add_argument("file", type=Path)
     job.add_argument("--name", help="of the kernel; default: the file's")
+    job.add_argument("--group", help="whose members may use it too, by --any-owner")
     job.add_argument("--spin-us", type=float, help="busy wait before each deadline")
     job.add_argument("--seconds", type=duration_or_inf, default=float("inf"), help="end by itself")
     job.add_argument(
@@ -34,8 +36,8 @@ def add_arguments(jobs: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Exit code 6 where the kernel ended by itself, 130 where it never ran."""
-    kernel = load(options.file, name=options.name)
+    """Exit code 1 without a whole recording, 6 where the kernel ended, 130 where it never ran."""
+    kernel = load(options.file, name=options.name, group=options.group)
     if options.spin_us is not None:
         kernel.clock = replace(kernel.clock, spin_us=options.spin_us)
     if options.record is not None:
@@ -43,16 +45,21 @@ def run(options: argparse.Namespace) -> int:
     ran = False
     # the recorder outlives the kernel: the halt at its end is recorded as well
     with sigterm_as_ctrl_c(), ExitStack() as recorded, suppress(KeyboardInterrupt), kernel:
+        recorder = None
         if options.record is not None:
-            recorded.enter_context(Recorder(kernel.name, options.record))
+            recorder = recorded.enter_context(Recorder(kernel.name, options.record))
         monitor = Monitor.attach(kernel.name)
         clock = asdict(monitor.feedback().timing.clock)
         show(options, {"kernel": kernel.name, "axes": len(kernel.axes), "clock": clock})
         monitor.close()
         ran = True
         until = time.monotonic() + options.seconds
+        told = False
         while kernel.alive and time.monotonic() < until:
             time.sleep(0.05)
+            if not told and recorder is not None and recorder.fault is not None:
+                told = True  # at once; the motion goes on, and the exit code tells at the end
+                print(f"sjerk: {recorder.fault}; the kernel goes on", file=sys.stderr, flush=True)
         if not kernel.alive:
             return 6
     return 0 if ran else 130

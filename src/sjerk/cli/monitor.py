@@ -23,7 +23,7 @@ def add_arguments(jobs: Any) -> None:
 def run(options: argparse.Namespace) -> int:
     """Until the time is over or the kernel has ended."""
     live = None if options.json else load("sjerk.cli.live", extra="monitor")
-    with Monitor.attach(name_of(options)) as monitor:
+    with Monitor.attach(name_of(options), any_owner=options.any_owner) as monitor:
         until = time.monotonic() + options.seconds
 
         def goes_on() -> bool:

@@ -70,8 +70,8 @@ def _panels(curve: Any, recording: Recording, i: int) -> dict[str, list[Any]]:
     limits = recording.column("limits")[:, i]
     position, actual = recording.position[:, i], recording.actual_position[:, i]
     own = recording.axes[i].limits.position
-    cycles, planned = recording.way_points(i)
-    points = [curve("way-points", cycles * T, planned, "k.")] if len(cycles) else []
+    cycles, planned = recording.knots(i)
+    points = [curve("knots", cycles * T, planned, "k.")] if len(cycles) else []
     bounds = [one("", np.full(len(position), x), "k--") for x in own or ()]
     found = {
         f"position / {unit}": [

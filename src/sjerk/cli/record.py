@@ -26,10 +26,10 @@ def run(options: argparse.Namespace) -> int:
     name = name_of(options)
     ready(options, options.file)
     with sigterm_as_ctrl_c():
-        recorder = Recorder(name, options.file)
+        recorder = Recorder(name, options.file, any_owner=options.any_owner)
         until = time.monotonic() + options.seconds
         with recorder, suppress(KeyboardInterrupt):
-            while recorder.alive and time.monotonic() < until:
+            while recorder.alive and recorder.fault is None and time.monotonic() < until:
                 time.sleep(0.05)
     show(
         options,

@@ -26,7 +26,7 @@ def add_arguments(jobs: Any) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Of so many seconds from now on."""
-    with Monitor.attach(name_of(options)) as monitor:
+    with Monitor.attach(name_of(options), any_owner=options.any_owner) as monitor:
         before = monitor.feedback()
         period = before.cycle_time
         judge = Cyclictest.start(

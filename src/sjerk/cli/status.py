@@ -16,9 +16,11 @@ def add_arguments(jobs: Any) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Of the newest cycle."""
-    with Monitor.attach(name_of(options)) as monitor:
+    with Monitor.attach(name_of(options), any_owner=options.any_owner) as monitor:
         feedback = monitor.feedback()
-        timing = {
+        timing: dict[str, Any] = {
+            "kernel": monitor.kernel_state.value,
+            "age_s": None if feedback.age is None else round(feedback.age, 6),
             "cycle": feedback.cycle,
             "late": feedback.timing.late,
             "override": feedback.override,

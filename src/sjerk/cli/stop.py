@@ -1,15 +1,17 @@
-"""``sjerk stop``: axes to rest, also where another process is the host. Never here: planning."""
+"""``sjerk stop``: axes to rest, whoever is the host. Never here: planning."""
 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import os
 import signal
+import time
 from typing import Any
 
-from sjerk.cli.common import add_verb, host_of, name_of, show_axes
+from sjerk.cli.common import PATIENCE_S, add_verb, name_of, show_axes
 from sjerk.errors import HostTakenError
-from sjerk.host import Host
+from sjerk.host import Monitor
 
 
 def add_arguments(jobs: Any) -> None:
@@ -20,23 +22,36 @@ def add_arguments(jobs: Any) -> None:
     job.add_argument(
         "--interrupt",
         action="store_true",
-        help="where another process is the host: send it Ctrl-C first, then stop",
+        help="where another process is the host: send it Ctrl-C, then stop what it began",
     )
 
 
-def _interrupt(name: str) -> None:
-    """Send Ctrl-C to the process that is the host, if there is one; it leaves when it can."""
-    try:
-        Host.attach(name).close()
-    except HostTakenError as taken:
-        if taken.pid:
-            os.kill(taken.pid, signal.SIGINT)
+def _interrupt(monitor: Monitor) -> None:
+    """Send Ctrl-C to the process that is the host; returns when it leads no more.
+
+    Raises HostTakenError where it does not leave.
+    """
+    pid = monitor.host_pid
+    if pid is None:
+        return
+    with contextlib.suppress(ProcessLookupError):
+        os.kill(pid, signal.SIGINT)
+    end = time.monotonic() + PATIENCE_S
+    while monitor.host_pid == pid:
+        if time.monotonic() > end:
+            what = f"the axes are at rest, but process {pid} still leads, after Ctrl-C"
+            raise HostTakenError(what, name=monitor.name, pid=pid)
+        time.sleep(1e-3)
 
 
 def run(options: argparse.Namespace) -> int:
     """Return at rest."""
-    if options.interrupt:
-        _interrupt(name_of(options))
-    with host_of(options) as host:
-        (host.quick_stop if options.quick else host.halt)(axes=options.axes or None)
-        return show_axes(options, host)
+    with Monitor.attach(name_of(options), any_owner=options.any_owner) as monitor:
+        stop = monitor.quick_stop if options.quick else monitor.halt
+        stop(axes=options.axes or None)
+        if options.interrupt:
+            try:
+                _interrupt(monitor)
+            finally:
+                stop(axes=options.axes or None)
+        return show_axes(options, monitor)

@@ -3,7 +3,7 @@
  *
  * Never here: where an axis should be, bit masks of drives but homing's start and the quick stop.
  */
-#include <math.h>   /* fabs, llround */
+#include <math.h> /* fabs, llround */
 #include <stdint.h>
 #include "cycle/_actuate.h"
 #include "cycle/_motion.h"
@@ -36,7 +36,11 @@ static void send(sj_kernel *kernel, int32_t i)
     sj_drive_rx *rx = &kernel->rx[i];
     double counts = ax->interpolator.q.hi * ax->config.counts_per_unit;
 
-    ax->target_counts = ax->following ? llround(counts) : ax->actual_counts;
+    if (ax->following)
+        ax->target_counts = llround(counts);
+    else if (!ax->config.external ||
+             !kernel->stale[i]) /* else the last one: a frozen 6064h is none */
+        ax->target_counts = ax->actual_counts;
     rx->mode = ax->homing ? SJ_MODE_HOMING : SJ_MODE_CSP;
     rx->controlword =
         sj_master_controlword(kernel->tx[i].statusword, wanted(kernel, ax, i), ax->reset == 1);

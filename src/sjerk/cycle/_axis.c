@@ -3,7 +3,7 @@
  *
  * Pure functions of the axis. Never here: other axes, plans for goals, drives, memory, time.
  */
-#include <math.h>   /* fabs, fmax, fmin, isfinite, sqrt */
+#include <math.h> /* fabs, fmax, fmin, isfinite, sqrt */
 #include <stdint.h>
 #include "cycle/_axis.h"
 #include "cycle/_motion.h"
@@ -56,8 +56,8 @@ int32_t sj_axis_inside(const sj_axis *ax, const sj_axis_goal *goal, const sj_lim
     if (goal->goal_velocity != 0.0) { /* and after the goal there is room to come to rest */
         if (sj_plan_velocity(goal->goal_velocity, 0.0, 0.0, limits, &rest) != SJ_PLAN_OK)
             return 0;
-        beyond = goal->goal +
-                 sj_axis_distance(&rest, goal->goal_velocity, 0.0, &rest_low, &rest_high);
+        beyond =
+            goal->goal + sj_axis_distance(&rest, goal->goal_velocity, 0.0, &rest_low, &rest_high);
         if (beyond < config->position_min - slack || beyond > config->position_max + slack)
             return 0;
     }
@@ -67,10 +67,7 @@ int32_t sj_axis_inside(const sj_axis *ax, const sj_axis_goal *goal, const sj_lim
 
 /* ---- limits that are lowered in motion ---- */
 
-static void raise(double *limit, double least)
-{
-    *limit = fmax(*limit, least);
-}
+static void raise(double *limit, double least) { *limit = fmax(*limit, least); }
 
 static void raise_all(sj_limits *limits, const sj_limits *least)
 {
@@ -129,7 +126,6 @@ sj_limits sj_axis_kept(const sj_axis *ax, const continuous *at, const sj_limits 
     return limits;
 }
 
-
 /* ---- whether a goal can be ---- */
 
 int32_t sj_axis_trigger_of(const sj_axis_goal *goal)
@@ -145,8 +141,7 @@ static int32_t within(const sj_limits *asked, const sj_limits *own)
 {
     const double slack = 1.0 + 1e-12; /* for conversions to cycle units and back */
     return asked->velocity <= own->velocity * slack &&
-           asked->acceleration <= own->acceleration * slack &&
-           asked->jerk <= own->jerk * slack &&
+           asked->acceleration <= own->acceleration * slack && asked->jerk <= own->jerk * slack &&
            asked->deceleration <= own->deceleration * slack &&
            asked->deceleration_jerk <= own->deceleration_jerk * slack;
 }
@@ -172,7 +167,8 @@ int32_t sj_axis_judge(const sj_axis *ax, const sj_axis_goal *goal)
     if (goal->kind < SJ_GOAL_ABSOLUTE || goal->kind > SJ_GOAL_HOME)
         return SJ_RESULT_RANGE;
     if (sj_axis_next(ax->state, sj_axis_trigger_of(goal)) < 0)
-        return ax->following || ax->error || ax->homing ? SJ_RESULT_STATE : SJ_RESULT_NOT_FOLLOWING;
+        return ax->following || ax->error || ax->state == SJ_AXIS_HOMING ? SJ_RESULT_STATE
+                                                                         : SJ_RESULT_NOT_FOLLOWING;
     if (!ax->following || !ax->enable)
         return SJ_RESULT_NOT_FOLLOWING;
     return goal->kind == SJ_GOAL_HOME ? SJ_RESULT_ACCEPTED : sj_axis_possible(ax, goal);

@@ -23,7 +23,7 @@
  *
  * Never here: which move is next and when to try (_queue.c), the ring, time.
  */
-#include <math.h>   /* fabs, ceil, sqrt */
+#include <math.h> /* fabs, ceil, sqrt */
 #include <stddef.h>
 #include <stdint.h>
 #include "cycle/_axis.h"
@@ -46,8 +46,8 @@ static void line_velocities(int32_t n, const double *distance, const sj_limits *
 }
 
 /* The distance of a change of velocity, in the direction of `sign`; INFINITY: there is no plan. */
-static double change_distance(double v0, double a0, double v1, const sj_limits *limits,
-                              double sign, sj_plan *plan)
+static double change_distance(double v0, double a0, double v1, const sj_limits *limits, double sign,
+                              sj_plan *plan)
 {
     double low, high;
     if (sj_plan_velocity(v0, a0, v1, limits, plan) != SJ_PLAN_OK)
@@ -122,7 +122,8 @@ static double reaching_distance(const continuous *at, double v, const sj_limits 
                                 double sign, sj_plan *plan)
 {
     double within = fmin(v, limits->velocity);
-    double distance = change_distance(at->V.hi, at->A.hi, sign * within, limits, sign, plan) + 0.5 * v;
+    double distance =
+        change_distance(at->V.hi, at->A.hi, sign * within, limits, sign, plan) + 0.5 * v;
     sj_limits wide = raised_to(limits, v);
     if (v <= within)
         return distance;
@@ -148,14 +149,10 @@ static double fastest_to_reach(const continuous *at, double distance, double mos
 static double asked_velocity(int32_t mode, double previous, double next)
 {
     switch (mode) {
-    case SJ_BUFFER_PREVIOUS:
-        return previous;
-    case SJ_BUFFER_NEXT:
-        return next;
-    case SJ_BUFFER_HIGH:
-        return fmax(previous, next);
-    default:
-        return fmin(previous, next);
+    case SJ_BUFFER_PREVIOUS: return previous;
+    case SJ_BUFFER_NEXT: return next;
+    case SJ_BUFFER_HIGH: return fmax(previous, next);
+    default: return fmin(previous, next);
     }
 }
 
@@ -170,8 +167,8 @@ int32_t sj_blend_choose(sj_kernel *kernel, int32_t mode, int32_t synchronization
     }
     for (int32_t k = 0; k < b->m; k++) {
         const sj_axis *ax = &kernel->axis[b->next[k]];
-        next_distance[k] = b->goal[k].goal -
-                      (b->place[k] < 0 ? ax->interpolator.q.hi : ax->goal.goal);
+        next_distance[k] =
+            b->goal[k].goal - (b->place[k] < 0 ? ax->interpolator.q.hi : ax->goal.goal);
     }
     line_velocities(b->n, distance, b->limits, own);
     line_velocities(b->m, next_distance, b->next_limits, next);
@@ -216,8 +213,7 @@ int64_t sj_blend_before(sj_kernel *kernel, const sj_blend *b, const double *velo
         if (ax->least_cycles > 0 && ax->interpolator.cycles_left - 1 - run_up > least)
             least = ax->interpolator.cycles_left - 1 - run_up;
     }
-    if (sj_run_down(b->n, request, b->limits, least, &synchronization, kernel->plan) !=
-        SJ_PLAN_OK)
+    if (sj_run_down(b->n, request, b->limits, least, &synchronization, kernel->plan) != SJ_PLAN_OK)
         return -1;
     for (int32_t i = 0; i < b->n; i++) {
         const sj_axis *ax = &kernel->axis[b->axes[i]];
@@ -231,7 +227,8 @@ int64_t sj_blend_before(sj_kernel *kernel, const sj_blend *b, const double *velo
         }
         interpolator_copy(&kernel->trial[i], &ax->interpolator);
         if (!sj_run_forward(plan, b->at[i].V.hi, b->at[i].A.hi,
-                            lemma_distance(&b->at[i], goal.goal, velocity[i]), b->limits[i].velocity) ||
+                            lemma_distance(&b->at[i], goal.goal, velocity[i]),
+                            b->limits[i].velocity) ||
             !sj_axis_inside(ax, &goal, &b->limits[i], plan) ||
             sj_interpolator_load(&kernel->trial[i], plan, goal.goal, velocity[i], 0) != SJ_LOAD_OK)
             return -1;

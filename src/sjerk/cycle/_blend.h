@@ -7,11 +7,11 @@
 typedef struct {
     int32_t n, m;
     int32_t axes[SJ_AXES], next[SJ_AXES];
-    int32_t place[SJ_AXES];             /* of next[k] among axes, or -1: at rest until it begins */
-    continuous at[SJ_AXES];             /* where axes[i] is */
-    sj_limits limits[SJ_AXES], next_limits[SJ_AXES];    /* under the override */
-    sj_axis_goal goal[SJ_AXES];         /* of next[k] */
-    double velocity[SJ_AXES];           /* of axes[i] at its goal */
+    int32_t place[SJ_AXES]; /* of next[k] among axes, or -1: at rest until it begins */
+    continuous at[SJ_AXES]; /* where axes[i] is */
+    sj_limits limits[SJ_AXES], next_limits[SJ_AXES]; /* under the override */
+    sj_axis_goal goal[SJ_AXES];                      /* of next[k] */
+    double velocity[SJ_AXES];                        /* of axes[i] at its goal */
 } sj_blend;
 
 /* Fills `velocity` as the buffer mode asks, as far as both distances allow; whether any axis blends. */

@@ -1,9 +1,9 @@
-/* The command of the host: the newest one, its levels, edges and goal.
+/* The command of the host, the newest one: its levels, edges and goal. And stops that others ask for.
  *
- * Edges are counters: each is acted on once, whatever was overwritten in between. A stop wins over a
- * goal that came with it. Never here: how a goal is planned, who stops with whom, memory.
+ * Edges are counters: each is acted on once, whatever was overwritten in between. A stop, whoever
+ * asked for it, wins over a goal that came in the same cycle. Never here: how a goal is planned, who stops with whom, memory.
  */
-#include <math.h>   /* isfinite */
+#include <math.h> /* isfinite */
 #include <stddef.h>
 #include <stdint.h>
 #include <string.h> /* memcmp of limits, memcpy of a command */
@@ -36,6 +36,13 @@ static void take_limits(sj_kernel *kernel, int32_t i, const sj_limits *limits)
     sj_events_report(kernel, SJ_EVENT_LIMITS, i, result, 0.0);
 }
 
+static void stop_axes(sj_kernel *kernel, uint64_t halts, uint64_t quick_stops, uint64_t together)
+{
+    sj_react_stop_homing(kernel, halts | quick_stops);
+    sj_react_halt(kernel, halts & ~quick_stops);
+    sj_react_quick_stop(kernel, quick_stops, together);
+}
+
 /* Levels and counters of all axes. Returns whether it brought a stop. */
 static int32_t take_axes(sj_kernel *kernel)
 {
@@ -62,10 +69,41 @@ static int32_t take_axes(sj_kernel *kernel)
     }
     kernel->lookahead.stop = kernel->command.stop_records;
     sj_lookahead_stop(kernel, halts | quick_stops | disabled);
-    sj_react_stop_homing(kernel, halts | quick_stops);
-    sj_react_halt(kernel, halts & ~quick_stops);
-    sj_react_quick_stop(kernel, quick_stops, together);
+    stop_axes(kernel, halts, quick_stops, together);
     return (halts | quick_stops) != 0;
+}
+
+static void tell_stop(sj_kernel *kernel, uint64_t axes, int32_t how, uint64_t pid)
+{
+    if (axes == all_axes(kernel))
+        sj_events_report(kernel, SJ_EVENT_STOP, -1, how, (double)pid);
+    for (int32_t i = 0; i < kernel->axes && axes != all_axes(kernel); i++)
+        if (axes & axis_bit(i))
+            sj_events_report(kernel, SJ_EVENT_STOP, i, how, (double)pid);
+}
+
+/* Stops that were asked for beside the host. They mean all that the host has given so far, since
+ * nobody knows which of two processes was first. Returns whether there was one. */
+static int32_t take_stops(sj_kernel *kernel)
+{
+    const uint64_t all = all_axes(kernel), before = kernel->lookahead.stop;
+    uint64_t halts = 0, quick_stops = 0;
+    uint32_t slot = 0;
+    sj_stop stop;
+
+    while (sj_inputs_stop(kernel, &slot, &stop)) {
+        tell_stop(kernel, stop.halts & all, SJ_REACT_HALT, stop.pid);
+        tell_stop(kernel, stop.quick_stops & all, SJ_REACT_QUICK_STOP, stop.pid);
+        halts |= stop.halts & all;
+        quick_stops |= stop.quick_stops & all;
+    }
+    if ((halts | quick_stops) == 0)
+        return 0;
+    kernel->lookahead.stop = kernel->ring_published;
+    sj_lookahead_stop(kernel, halts | quick_stops);
+    stop_axes(kernel, halts, quick_stops, 0);
+    kernel->lookahead.stop = before;
+    return 1;
 }
 
 static int32_t same_goal(const sj_axis_goal *x, const sj_axis_goal *y)
@@ -130,6 +168,7 @@ void sj_command_take(sj_kernel *kernel)
     int32_t stopped = kernel->ending;
     int32_t fresh = sj_inputs_command(kernel);
 
+    stopped |= take_stops(kernel);
     if (fresh < 0) {
         kernel->feedback.corrupt++;
         sj_events_report(kernel, SJ_EVENT_CORRUPT, -1, fresh, 0.0);

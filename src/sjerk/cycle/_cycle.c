@@ -17,6 +17,9 @@
 #include "cycle/_reactions.h"
 #include "cycle/_trace.h"
 
+static const double END_WAIT_S =
+    2.0; /* for drives outside to be disabled, after the end was seen */
+
 /* Records of the ring: taken, then begun where it is their turn. */
 static void look_ahead(sj_kernel *kernel)
 {
@@ -65,10 +68,7 @@ void sj_kernel_cycle(sj_kernel *kernel, uint64_t now_ns)
         sj_publish(kernel);
 }
 
-void sj_kernel_step(sj_kernel *kernel)
-{
-    sj_kernel_cycle(kernel, 0);
-}
+void sj_kernel_step(sj_kernel *kernel) { sj_kernel_cycle(kernel, 0); }
 
 void sj_kernel_cycles(sj_kernel *kernel, int64_t cycles)
 {
@@ -76,11 +76,21 @@ void sj_kernel_cycles(sj_kernel *kernel, int64_t cycles)
         sj_kernel_cycle(kernel, 0);
 }
 
+/* A drive that is still enabled: those outside get the time to answer, if anything of them comes. */
+static int32_t still_enabled(const sj_kernel *kernel, int32_t i)
+{
+    int32_t outside = kernel->axis[i].config.external;
+    if (!sj_master_enabled(kernel->tx[i].statusword))
+        return 0;
+    return !outside ||
+           (!kernel->stale[i] && kernel->ended * kernel->feedback.cycle_time_s < END_WAIT_S);
+}
+
 int32_t sj_kernel_at_rest(const sj_kernel *kernel)
 {
     for (int32_t i = 0; i < kernel->axes; i++)
         if ((kernel->axis[i].following && axis_moving(&kernel->axis[i])) ||
-            (sj_master_enabled(kernel->tx[i].statusword) && !kernel->axis[i].config.external))
+            still_enabled(kernel, i))
             return 0;
     return 1;
 }

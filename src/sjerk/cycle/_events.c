@@ -11,8 +11,8 @@
 static void report(sj_kernel *kernel, int32_t kind, uint64_t goal_id, int32_t axis, int32_t code,
                    double value)
 {
-    const sj_kernel_event event = {kernel->feedback.cycle + 1, kernel->feedback.time_ns, goal_id,
-                                   value, kind, axis, code, 0};
+    const sj_kernel_event event = {
+        kernel->feedback.cycle + 1, kernel->feedback.time_ns, goal_id, value, kind, axis, code, 0};
     sj_event_publish(kernel->segment, &event);
     sj_trace_put(kernel, SJ_TRACE_EVENT, 0, &event, sizeof event);
 }

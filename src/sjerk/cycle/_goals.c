@@ -4,7 +4,7 @@
  * so all limits hold throughout. Never here: which goals there are (_command.c, _queue.c), drives,
  * memory, time.
  */
-#include <math.h>   /* fabs, fmax, fmin, isfinite */
+#include <math.h> /* fabs, fmax, fmin, isfinite */
 #include <stdint.h>
 #include "cycle/_axis.h"
 #include "cycle/_events.h"
@@ -14,10 +14,7 @@
 #include "cycle/_motion.h"
 #include "cycle/_run_down.h"
 
-static double clamp(double x, double most)
-{
-    return fmax(-most, fmin(most, x));
-}
+static double clamp(double x, double most) { return fmax(-most, fmin(most, x)); }
 
 /* A jog is a move to the position limit at the jog's velocity; without a limit, a velocity. */
 static int32_t plan_jog(const sj_kernel *kernel, const sj_axis *ax, const sj_axis_goal *goal,
@@ -68,7 +65,8 @@ int32_t sj_goal_plan(sj_kernel *kernel, sj_goal_set *set, int32_t line)
         of[m++] = i;
     }
     if (m > 0 && !(line && sj_group_line(kernel, together, m, limits, 0) == 0) &&
-        sj_run_down(m, request, limits, set->least_cycles, &set->planned, kernel->plan) != SJ_PLAN_OK)
+        sj_run_down(m, request, limits, set->least_cycles, &set->planned, kernel->plan) !=
+            SJ_PLAN_OK)
         return SJ_RESULT_PLAN;
     for (int32_t k = 0; k < m; k++) {
         const sj_axis_goal *goal = &set->goal[of[k]];
@@ -106,7 +104,8 @@ static void take_over(sj_kernel *kernel, const sj_goal_set *set)
         } else {
             interpolator_copy(&ax->interpolator, &kernel->trial[i]);
             ax->line = set->planned == SJ_SYNC_PHASE && set->goal[i].kind == SJ_GOAL_ABSOLUTE
-                           ? set->distance[i] : 0.0;
+                           ? set->distance[i]
+                           : 0.0;
         }
         ax->held = 0;
     }
@@ -182,6 +181,12 @@ void sj_goal_reached(sj_kernel *kernel, int32_t axis)
             SJ_RESULT_ACCEPTED)
             interpolator_copy(&ax->interpolator, &kernel->trial[0]);
     }
+}
+
+void sj_goal_homed(sj_kernel *kernel, int32_t axis)
+{
+    kernel->axis[axis].reached = 1;
+    report_reached(kernel, &kernel->axis[axis]);
 }
 
 /* Two axes by turns, to a goal that needs all phases; into kernel->plan and trial, which nothing

@@ -2,7 +2,7 @@
  *
  * Never here: what a goal or a stop does with them, drives, memory, time.
  */
-#include <math.h>   /* fabs, fmin, INFINITY */
+#include <math.h> /* fabs, fmin, INFINITY */
 #include <stdint.h>
 #include "cycle/_group.h"
 #include "cycle/_motion.h"

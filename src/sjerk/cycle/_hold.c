@@ -23,7 +23,7 @@
  * Never here: which moves these are (_override.c), how a feed is found (_pace.c), drives, memory of
  * its own.
  */
-#include <math.h>   /* fabs, fmax, fmin, INFINITY */
+#include <math.h> /* fabs, fmax, fmin, INFINITY */
 #include <stdint.h>
 #include "base/_double_double.h"
 #include "cycle/_hold.h"
@@ -37,8 +37,8 @@ static const double NOTHING = 1e-9; /* of a limit: neither forward nor backward 
 /* The continuous motion of an interpolator at a knot that it has not come to yet. */
 typedef struct {
     continuous at;
-    sj_exact jerk;                      /* of the cycle before */
-    int64_t cycles, left;               /* gone; to its next knot */
+    sj_exact jerk;        /* of the cycle before */
+    int64_t cycles, left; /* gone; to its next knot */
     int32_t leg;
 } walker;
 
@@ -107,8 +107,13 @@ static sj_track_limits limits_of(const sj_axis *ax, double override)
 {
     const sj_limits *own = &ax->goal.limits;
     double most = fmax(own->velocity, ax->config.limits.velocity);
-    return (sj_track_limits){fmin(own->velocity * override, most), own->acceleration, own->jerk,
-                             -INFINITY, INFINITY, own->deceleration, own->deceleration_jerk};
+    return (sj_track_limits){fmin(own->velocity * override, most),
+                             own->acceleration,
+                             own->jerk,
+                             -INFINITY,
+                             INFINITY,
+                             own->deceleration,
+                             own->deceleration_jerk};
 }
 
 /* Segments between the knots of all axes, from where they are to where the last one comes to rest. -1:
@@ -251,8 +256,8 @@ static void put_sample(sj_kernel *kernel, int32_t k)
         sj_interpolator_step(ip);
         return;
     }
-    sj_interpolator_start(ip, &(sj_state){player->run.past[0][k], player->velocity[k],
-                                          player->acceleration[k]});
+    sj_interpolator_start(
+        ip, &(sj_state){player->run.past[0][k], player->velocity[k], player->acceleration[k]});
     ip->j = exact_of(player->jerk[k]);
 }
 

@@ -70,6 +70,25 @@ int32_t sj_inputs_command(sj_kernel *kernel)
     return kernel->collected;
 }
 
+int32_t sj_inputs_stop(sj_kernel *kernel, uint32_t *slot, sj_stop *stop)
+{
+    uint64_t number = SJ_STOP_SLOTS;
+    if (kernel->given.frame != NULL) {
+        const uint8_t *row = given_row(kernel, &kernel->given.stops, sizeof *stop, &number);
+        if (row == NULL)
+            return 0;
+        memcpy(stop, row, sizeof *stop);
+    } else {
+        while (*slot < SJ_STOP_SLOTS && !sj_stop_take(kernel->segment, *slot, stop))
+            ++*slot;
+        if (*slot == SJ_STOP_SLOTS)
+            return 0;
+        number = (*slot)++;
+    }
+    sj_trace_put(kernel, SJ_TRACE_STOP, number, stop, sizeof *stop);
+    return 1;
+}
+
 int32_t sj_inputs_record(sj_kernel *kernel, sj_record *record)
 {
     const uint64_t bytes = sj_record_bytes(kernel->axes);

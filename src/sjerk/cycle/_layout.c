@@ -8,7 +8,8 @@
 _Static_assert(sizeof(sj_trace_head) == 24 && sizeof(sj_axis_trace) == 128, "no hidden padding");
 _Static_assert(offsetof(sj_trace_frame, axis) == 104, "no hidden padding");
 _Static_assert(sizeof(sj_command) <= sizeof(((sj_trace_message *)0)->payload) &&
-               sizeof(sj_record) <= sizeof(((sj_trace_message *)0)->payload), "room for each");
+                   sizeof(sj_record) <= sizeof(((sj_trace_message *)0)->payload),
+               "room for each");
 
 uint64_t sj_command_bytes(int32_t axes)
 {
@@ -25,10 +26,7 @@ uint64_t sj_feedback_bytes(int32_t axes)
     return offsetof(sj_feedback, axis) + (uint64_t)axes * sizeof(sj_axis_feedback);
 }
 
-uint64_t sj_feedback_times(void)
-{
-    return offsetof(sj_feedback, cycle);
-}
+uint64_t sj_feedback_times(void) { return offsetof(sj_feedback, cycle); }
 
 uint64_t sj_trace_frame_bytes(int32_t axes)
 {

@@ -222,10 +222,8 @@ static int32_t offer(sj_kernel *kernel, sj_waiting *waiting)
             sj_override_hold(kernel);
         return said;
     case SJ_RECORD_PATH:
-    case SJ_RECORD_SEGMENT:
-        return sj_path_offer(kernel, waiting);
-    default:
-        return -SJ_RESULT_KIND;
+    case SJ_RECORD_SEGMENT: return sj_path_offer(kernel, waiting);
+    default: return -SJ_RESULT_KIND;
     }
 }
 

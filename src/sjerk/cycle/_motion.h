@@ -3,8 +3,8 @@
 #pragma once
 #include <stddef.h> /* offsetof */
 #include <stdint.h>
-#include <string.h> /* memcpy of an interpolator */
-#include "base/_continuous.h"    /* the continuous motion behind the commanded sample */
+#include <string.h>           /* memcpy of an interpolator */
+#include "base/_continuous.h" /* the continuous motion behind the commanded sample */
 #include "cycle/_state.h"
 
 /* Cycles until a drive's answer is about this homing, not the last. */

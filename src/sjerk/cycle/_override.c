@@ -32,8 +32,8 @@ static uint64_t in_execution(sj_kernel *kernel)
     for (int32_t i = 0; i < kernel->axes; i++) {
         sj_axis *ax = &kernel->axis[i];
         sj_axis_ceiling(ax);
-        if (ax->following && (ax->goal.kind == SJ_GOAL_JOG ||
-                              (ax->goal.kind == SJ_GOAL_ABSOLUTE && !ax->reached)))
+        if (ax->following &&
+            (ax->goal.kind == SJ_GOAL_JOG || (ax->goal.kind == SJ_GOAL_ABSOLUTE && !ax->reached)))
             set |= axis_bit(i);
     }
     return set;

@@ -6,7 +6,7 @@
  *
  * Never here: positions along the path (_track.c), its feed (_pace.c), drives, memory of its own.
  */
-#include <math.h>   /* fabs, fmax, fmin */
+#include <math.h> /* fabs, fmax, fmin */
 #include <stddef.h>
 #include <stdint.h>
 #include "base/_double_double.h"
@@ -24,7 +24,8 @@ static int32_t judge(const sj_kernel *kernel, const sj_record *record, int32_t a
 {
     const sj_axis *ax = &kernel->axis[axis];
     if (sj_axis_next(ax->state, SJ_TRIGGER_SYNCHRONIZE) < 0)
-        return ax->following || ax->error || ax->homing ? SJ_RESULT_STATE : SJ_RESULT_NOT_FOLLOWING;
+        return ax->following || ax->error || ax->state == SJ_AXIS_HOMING ? SJ_RESULT_STATE
+                                                                         : SJ_RESULT_NOT_FOLLOWING;
     if (!ax->following || !ax->enable)
         return SJ_RESULT_NOT_FOLLOWING;
     if (!(fabs(record->axis[axis].position - ax->interpolator.q.hi) <=
@@ -39,7 +40,7 @@ static sj_track_limits limits_of(const sj_axis *ax)
     const sj_limits *own = &config->limits;
     double acceleration = fmin(own->acceleration, own->deceleration);
     double jerk = fmin(own->jerk, own->deceleration_jerk);
-    return (sj_track_limits){own->velocity, acceleration, jerk, config->position_min,
+    return (sj_track_limits){own->velocity,        acceleration, jerk, config->position_min,
                              config->position_max, acceleration, jerk};
 }
 
@@ -88,8 +89,8 @@ static int32_t open(sj_kernel *kernel, sj_waiting *waiting)
     }
     sj_track_begin(&path->player.track, path->count, position, limits);
     sj_player_begin(&path->player);
-    kernel->feedback.path = (sj_path_feedback){path->goal_id, path->axes, 1, 0, 0.0, 0.0,
-                                               SJ_PATH_NONE, SJ_RESULT_ACCEPTED};
+    kernel->feedback.path = (sj_path_feedback){path->goal_id, path->axes,        1, 0, 0.0, 0.0,
+                                               SJ_PATH_NONE,  SJ_RESULT_ACCEPTED};
     return OFFER_TAKEN;
 }
 
@@ -102,8 +103,8 @@ static int32_t splice(sj_kernel *kernel, const sj_waiting *waiting)
         path->newest = waiting->record.goal_id;
     if (path->axes != axes || path->cancelled || waiting->axes != axes ||
         waiting->record.number > SJ_CYCLES_MAX ||
-        sj_player_cut(&path->player, (int64_t)waiting->record.number,
-                      waiting->record.cycles[0]) != 0)
+        sj_player_cut(&path->player, (int64_t)waiting->record.number, waiting->record.cycles[0]) !=
+            0)
         return -SJ_RESULT_BEGUN;
     path->goal_id = waiting->record.goal_id;
     for (int32_t k = 0; k < path->count; k++)
@@ -115,9 +116,9 @@ static int32_t splice(sj_kernel *kernel, const sj_waiting *waiting)
 static int32_t add(sj_kernel *kernel, const sj_record *record)
 {
     static const int32_t result_of[] = {
-        [SJ_TRACK_ORDER] = SJ_RESULT_SEGMENT, [SJ_TRACK_LENGTH] = SJ_RESULT_SEGMENT,
+        [SJ_TRACK_ORDER] = SJ_RESULT_SEGMENT,  [SJ_TRACK_LENGTH] = SJ_RESULT_SEGMENT,
         [SJ_TRACK_NUMBER] = SJ_RESULT_SEGMENT, [SJ_TRACK_BROKEN] = SJ_RESULT_SEGMENT,
-        [SJ_TRACK_LIMIT] = SJ_RESULT_LIMITS, [SJ_TRACK_POSITION] = SJ_RESULT_LIMIT};
+        [SJ_TRACK_LIMIT] = SJ_RESULT_LIMITS,   [SJ_TRACK_POSITION] = SJ_RESULT_LIMIT};
     sj_path *path = &kernel->path;
     sj_track_axis axis[SJ_AXES];
     int32_t status;
@@ -128,7 +129,10 @@ static int32_t add(sj_kernel *kernel, const sj_record *record)
         return OFFER_TAKEN; /* of a path that is over */
     for (int32_t k = 0; k < path->count; k++) {
         const sj_axis_record *in = &record->axis[path->axis[k]];
-        axis[k] = (sj_track_axis){in->position, in->velocity, in->acceleration, in->last_jerk,
+        axis[k] = (sj_track_axis){in->position,
+                                  in->velocity,
+                                  in->acceleration,
+                                  in->last_jerk,
                                   {in->jerk[0], in->jerk[1], in->jerk[2], in->jerk[3]}};
     }
     status = record->number > SJ_CYCLES_MAX
@@ -256,8 +260,8 @@ static void put_samples(sj_kernel *kernel)
         sj_interpolator *ip = &kernel->axis[path->axis[k]].interpolator;
         if ((path->axes & axis_bit(path->axis[k])) == 0)
             continue;
-        sj_interpolator_start(ip, &(sj_state){player->run.past[0][k], player->velocity[k],
-                                              player->acceleration[k]});
+        sj_interpolator_start(
+            ip, &(sj_state){player->run.past[0][k], player->velocity[k], player->acceleration[k]});
         ip->j = exact_of(player->jerk[k]);
     }
 }

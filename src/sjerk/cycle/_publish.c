@@ -2,7 +2,7 @@
  *
  * Never here: decisions, the trace's frame (_trace.c).
  */
-#include <math.h>   /* fabs */
+#include <math.h> /* fabs */
 #include <stdint.h>
 #include "cycle/_motion.h"
 #include "cycle/_publish.h"
@@ -43,7 +43,7 @@ static void report(const sj_kernel *kernel, int32_t i, sj_axis_feedback *out)
     out->following_error = tx->following_error;
     out->statusword = tx->statusword;
     out->error_code = tx->error_code;
-    out->moving = ax->homing || (ax->following && (axis_moving(ax) || ax->held));
+    out->moving = ax->homing || ax->homed || (ax->following && (axis_moving(ax) || ax->held));
     out->settled = ax->reached;
     out->follows = ax->following;
     out->enabled = sj_master_enabled(tx->statusword);

@@ -75,6 +75,8 @@ void sj_react_stop_homing(sj_kernel *kernel, uint64_t axes)
 
 void sj_react(sj_kernel *kernel, int32_t cause, uint64_t axes)
 {
+    if (kernel->reaction[cause] != SJ_REACT_NONE)
+        sj_react_stop_homing(kernel, axes);
     if (kernel->reaction[cause] == SJ_REACT_HALT)
         sj_react_halt(kernel, axes);
     else if (kernel->reaction[cause] == SJ_REACT_QUICK_STOP)

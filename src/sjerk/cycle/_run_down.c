@@ -5,7 +5,7 @@
  * straight line stays one. Its limits are the tightest of |to_i - from_i| s' and s'' against the axes'
  * acceleration and jerk. Never here: which motion passes which goal, the state of a kernel, time.
  */
-#include <math.h>   /* fabs, fmax, fmin, INFINITY */
+#include <math.h> /* fabs, fmax, fmin, INFINITY */
 #include <stdint.h>
 #include "cycle/_axis.h"
 #include "cycle/_run_down.h"
@@ -39,8 +39,8 @@ int64_t sj_run_ramp(int32_t n, const sj_limits *limits, const double *from, cons
         int32_t up = fabs(to[i]) > fabs(from[i]);
         if (change == 0.0)
             continue;
-        one.acceleration = fmin(one.acceleration, (up ? limits[i].acceleration
-                                                      : limits[i].deceleration) / change);
+        one.acceleration =
+            fmin(one.acceleration, (up ? limits[i].acceleration : limits[i].deceleration) / change);
         one.jerk = fmin(one.jerk, (up ? limits[i].jerk : limits[i].deceleration_jerk) / change);
         any = 1;
     }
@@ -68,7 +68,8 @@ int32_t sj_run_join(sj_plan *plan, const sj_plan *ramp, double change, int32_t b
 double sj_run_distance(const sj_plan *ramp, double from, double to)
 {
     double low, high;
-    return (double)ramp->cycles * from + (to - from) * sj_axis_distance(ramp, 0.0, 0.0, &low, &high);
+    return (double)ramp->cycles * from +
+           (to - from) * sj_axis_distance(ramp, 0.0, 0.0, &low, &high);
 }
 
 int32_t sj_run_down(int32_t n, const sj_request *request, const sj_limits *limits,

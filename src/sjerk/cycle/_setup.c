@@ -48,8 +48,9 @@ int32_t sj_kernel_axis(sj_kernel *kernel, int32_t axis, const sj_drive_config *d
         sj_drive_cycle(&ax->drive, &kernel->rx[axis], &kernel->tx[axis]);
     }
     ax->actual_counts = kernel->tx[axis].position_actual;
-    sj_interpolator_start(&ax->interpolator,
-                          &(sj_state){(double)ax->actual_counts / config->counts_per_unit, 0.0, 0.0});
+    sj_interpolator_start(
+        &ax->interpolator,
+        &(sj_state){(double)ax->actual_counts / config->counts_per_unit, 0.0, 0.0});
     out->limits = config->limits;
     out->position_min = config->position_min;
     out->position_max = config->position_max;

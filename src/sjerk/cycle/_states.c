@@ -23,14 +23,14 @@ int32_t sj_axis_next(int32_t state, int32_t trigger)
 {
     static const int8_t next[SJ_AXIS_STATES][SJ_TRIGGERS] = {
         /*          on     off  fault reset  move  jog   sync  home  halt   quick done  */
-        [OFF] =   {STAND, OFF, ERR, OFF,   NO,   NO,   NO,   NO,   OFF,   OFF,  OFF},
+        [OFF] = {STAND, OFF, ERR, OFF, NO, NO, NO, NO, OFF, OFF, OFF},
         [STAND] = {STAND, OFF, ERR, STAND, MOVE, CONT, SYNC, HOME, STAND, STOP, STAND},
-        [MOVE] =  {MOVE,  OFF, ERR, MOVE,  MOVE, CONT, SYNC, NO,   MOVE,  STOP, STAND},
-        [CONT] =  {CONT,  OFF, ERR, CONT,  MOVE, CONT, SYNC, NO,   MOVE,  STOP, STAND},
-        [SYNC] =  {SYNC,  OFF, ERR, SYNC,  MOVE, CONT, SYNC, NO,   MOVE,  STOP, STAND},
-        [HOME] =  {HOME,  OFF, ERR, HOME,  NO,   NO,   NO,   NO,   STOP,  STOP, STAND},
-        [STOP] =  {STOP,  OFF, ERR, STOP,  NO,   NO,   NO,   NO,   STOP,  STOP, STAND},
-        [ERR] =   {ERR,   ERR, ERR, OFF,   NO,   NO,   NO,   NO,   ERR,   ERR,  ERR},
+        [MOVE] = {MOVE, OFF, ERR, MOVE, MOVE, CONT, SYNC, NO, MOVE, STOP, STAND},
+        [CONT] = {CONT, OFF, ERR, CONT, MOVE, CONT, SYNC, NO, MOVE, STOP, STAND},
+        [SYNC] = {SYNC, OFF, ERR, SYNC, MOVE, CONT, SYNC, NO, MOVE, STOP, STAND},
+        [HOME] = {HOME, OFF, ERR, HOME, NO, NO, NO, NO, STOP, STOP, STAND},
+        [STOP] = {STOP, OFF, ERR, STOP, NO, NO, NO, NO, STOP, STOP, STAND},
+        [ERR] = {ERR, ERR, ERR, OFF, NO, NO, NO, NO, ERR, ERR, ERR},
     };
     if (state < 0 || state >= SJ_AXIS_STATES || trigger < 0 || trigger >= SJ_TRIGGERS)
         return NO;

@@ -2,10 +2,11 @@
 #pragma once
 #include <stdint.h>
 
-enum {                                  /* PLCopen, motion control part 1: the state diagram */
+/* PLCopen, motion control part 1: the state diagram */
+enum {
     SJ_AXIS_DISABLED = 0,
     SJ_AXIS_STANDSTILL = 1,
-    SJ_AXIS_DISCRETE = 2,               /* a motion that ends at rest */
+    SJ_AXIS_DISCRETE = 2, /* a motion that ends at rest */
     SJ_AXIS_CONTINUOUS = 3,
     SJ_AXIS_SYNCHRONIZED = 4,
     SJ_AXIS_HOMING = 5,
@@ -14,18 +15,19 @@ enum {                                  /* PLCopen, motion control part 1: the s
     SJ_AXIS_STATES = 8
 };
 
-enum {                                  /* what changes one into the next */
-    SJ_TRIGGER_POWER_ON = 0,            /* the drive follows */
+/* what changes one into the next */
+enum {
+    SJ_TRIGGER_POWER_ON = 0, /* the drive follows */
     SJ_TRIGGER_POWER_OFF = 1,
     SJ_TRIGGER_FAULT = 2,
-    SJ_TRIGGER_RESET = 3,               /* the fault is gone */
+    SJ_TRIGGER_RESET = 3, /* the fault is gone */
     SJ_TRIGGER_MOVE = 4,
     SJ_TRIGGER_JOG = 5,
     SJ_TRIGGER_SYNCHRONIZE = 6,
     SJ_TRIGGER_HOME = 7,
     SJ_TRIGGER_HALT = 8,
     SJ_TRIGGER_QUICK_STOP = 9,
-    SJ_TRIGGER_DONE = 10,               /* at rest */
+    SJ_TRIGGER_DONE = 10, /* at rest */
     SJ_TRIGGERS = 11
 };
 

@@ -5,7 +5,7 @@
  * axes and drops nothing: what waits for them, their path and their hold are the caller's. Never
  * here: goals to come, drives, memory, time.
  */
-#include <math.h>   /* fabs */
+#include <math.h> /* fabs */
 #include <stdint.h>
 #include "cycle/_axis.h"
 #include "cycle/_events.h"

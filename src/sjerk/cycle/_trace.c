@@ -22,7 +22,7 @@ void sj_trace_put(sj_kernel *kernel, int32_t kind, uint64_t number, const void *
 
 static uint32_t flags_of(const sj_axis *ax, int32_t path, int32_t feed_hold, int32_t stale)
 {
-    int32_t moving = ax->homing || (ax->following && (axis_moving(ax) || ax->held));
+    int32_t moving = ax->homing || ax->homed || (ax->following && (axis_moving(ax) || ax->held));
     return (moving ? SJ_TRACE_MOVING : 0U) | (ax->reached ? SJ_TRACE_SETTLED : 0U) |
            (ax->following ? SJ_TRACE_FOLLOWS : 0U) | (ax->held ? SJ_TRACE_HELD : 0U) |
            (ax->drive_stop ? SJ_TRACE_DRIVE_STOP : 0U) | (path ? SJ_TRACE_PATH : 0U) |
@@ -89,7 +89,8 @@ int64_t sj_trace_drain(const void *segment, uint64_t *cursor, uint64_t *missed, 
     if (sj_shm_read_config(segment, UINT64_MAX, &config) != SJ_SHM_OK)
         return 0;
     for (bytes = config.event_bytes; n < room && *missed == before; n++) {
-        int32_t status = sj_event_read(segment, cursor, (uint8_t *)items + (uint64_t)n * bytes, missed);
+        int32_t status =
+            sj_event_read(segment, cursor, (uint8_t *)items + (uint64_t)n * bytes, missed);
         if (status == 0)
             break;
         if (status < 0)

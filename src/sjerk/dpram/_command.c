@@ -7,7 +7,7 @@
  *     kernel    fresh? exchange m and r, clear fresh; read slot r
  * Never here: a wait; the kernel needs SJ_SHM_COLLECT_TRIES exchanges at most.
  */
-#include "dpram/_pages.h"               /* layout and atomics */
+#include "dpram/_pages.h" /* layout and atomics */
 
 /* w, m, r are a permutation of 0, 1, 2: the slot of the writer, the middle, the slot of the reader. */
 static int word_legal(uint32_t value)
@@ -26,10 +26,12 @@ int32_t sj_command_publish(void *base, const void *command)
     const header_page *page = header(base);
     host_page *h = host(base);
     const uint64_t kernel_epoch = load(&h->addressed);
-    if (kernel_epoch != acquire(&kernel(base)->epoch)) return SJ_SHM_KERNEL_RESTARTED;
+    if (kernel_epoch != acquire(&kernel(base)->epoch))
+        return SJ_SHM_KERNEL_RESTARTED;
 
     uint32_t old = atomic_load_explicit(command_word(base), memory_order_acquire), new;
-    if (!word_legal(old)) return SJ_SHM_CORRUPT_WORD;
+    if (!word_legal(old))
+        return SJ_SHM_CORRUPT_WORD;
 
     /* Only the host moves w, so slot w is ours until the exchange below. */
     const uint64_t number = load(&h->published) + 1, host_epoch = load(&h->epoch);
@@ -37,11 +39,12 @@ int32_t sj_command_publish(void *base, const void *command)
     store(&h->published, number);
     sj_slot_fill(at, number, host_epoch, kernel_epoch, command, page->config.command_bytes);
 
-    do {                                /* the kernel collects at most once between two of ours */
-        if (!word_legal(old)) return SJ_SHM_CORRUPT_WORD;
+    do { /* the kernel collects at most once between two of ours */
+        if (!word_legal(old))
+            return SJ_SHM_CORRUPT_WORD;
         new = word_of(old >> 2 & 3U, old & 3U, old >> 4 & 3U, 1);
-    } while (!atomic_compare_exchange_weak_explicit(command_word(base), &old, new, memory_order_acq_rel,
-                                                    memory_order_acquire));
+    } while (!atomic_compare_exchange_weak_explicit(command_word(base), &old, new,
+                                                    memory_order_acq_rel, memory_order_acquire));
     return SJ_SHM_OK;
 }
 
@@ -51,11 +54,13 @@ int32_t sj_command_collect(void *base, void *command)
     kernel_page *k = kernel(base);
     uint32_t old = atomic_load_explicit(command_word(base), memory_order_acquire);
     for (int32_t tries = 0;; tries++) {
-        if (!word_legal(old)) return SJ_SHM_CORRUPT_WORD;
-        if (old >> 6 == 0 || tries == SJ_SHM_COLLECT_TRIES) return 0;
+        if (!word_legal(old))
+            return SJ_SHM_CORRUPT_WORD;
+        if (old >> 6 == 0 || tries == SJ_SHM_COLLECT_TRIES)
+            return 0;
         const uint32_t new = word_of(old & 3U, old >> 4 & 3U, old >> 2 & 3U, 0);
-        if (atomic_compare_exchange_weak_explicit(command_word(base), &old, new, memory_order_acq_rel,
-                                                  memory_order_acquire)) {
+        if (atomic_compare_exchange_weak_explicit(command_word(base), &old, new,
+                                                  memory_order_acq_rel, memory_order_acquire)) {
             old = new;
             break;
         }
@@ -63,10 +68,12 @@ int32_t sj_command_collect(void *base, void *command)
     const stamp *at = slot(base, page->command, page->config.command_bytes, old >> 4 & 3U);
     const uint64_t number = load(&at->number), host_epoch = load(&at->host_epoch);
     const uint64_t kernel_epoch = load(&at->kernel_epoch);
-    if (kernel_epoch < load(&k->epoch)) return 0;   /* meant for an earlier kernel */
+    if (kernel_epoch < load(&k->epoch))
+        return 0; /* meant for an earlier kernel */
     if (!sj_slot_copy(at, number, host_epoch, kernel_epoch, command, page->config.command_bytes))
         return SJ_SHM_CORRUPT_DATA;
-    if (number <= load(&k->collected)) return SJ_SHM_CORRUPT_COUNTER;
+    if (number <= load(&k->collected))
+        return SJ_SHM_CORRUPT_COUNTER;
     release(&k->collected, number);
     return 1;
 }

@@ -4,7 +4,7 @@
  * kernel it is meant for. Time is an argument.
  * Never here: the lock that shows a death (a system call, outside the cycle).
  */
-#include "dpram/_pages.h"               /* layout and atomics */
+#include "dpram/_pages.h" /* layout and atomics */
 
 /* The new epoch is stored last: until then hosts address the old kernel, whose commands and records
  * are refused by their stamp; nothing addressed to the new one can be cleared away here. */
@@ -16,10 +16,12 @@ uint64_t sj_shm_begin_kernel(void *base, uint64_t now_ns)
     while (!atomic_compare_exchange_weak_explicit(command_word(base), &old, old & ~(1U << 6),
                                                   memory_order_acq_rel, memory_order_relaxed)) {}
     const uint64_t head = acquire(&host_of(base)->head), tail = load(&k->tail);
-    if (header(base)->config.record_capacity != 0 && head - tail <= header(base)->config.record_capacity) {
+    if (header(base)->config.record_capacity != 0 &&
+        head - tail <= header(base)->config.record_capacity) {
         store(&k->discarded, load(&k->discarded) + (head - tail));
         release(&k->tail, head);
     }
+    sj_stop_clear(base);
     store(&k->host_note, 0);
     store(&k->beat_ns, now_ns);
     release(&k->epoch, epoch);
@@ -89,8 +91,11 @@ int32_t sj_shm_host_state(const void *base, uint64_t now_ns)
     const host_page *h = host_of(base);
     const uint64_t note = acquire(&kernel_of(base)->host_note), epoch = acquire(&h->epoch);
     const uint64_t timeout_ns = acquire(&h->timeout_ns), beat_ns = load(&h->beat_ns);
-    if (epoch == 0 || acquire(&h->left) == epoch) return SJ_HOST_ABSENT;
-    if (note == epoch << 1) return SJ_HOST_DEAD;
-    if (timeout_ns != 0 && now_ns > beat_ns && now_ns - beat_ns > timeout_ns) return SJ_HOST_SILENT;
+    if (epoch == 0 || acquire(&h->left) == epoch)
+        return SJ_HOST_ABSENT;
+    if (note == epoch << 1)
+        return SJ_HOST_DEAD;
+    if (timeout_ns != 0 && now_ns > beat_ns && now_ns - beat_ns > timeout_ns)
+        return SJ_HOST_SILENT;
     return SJ_HOST_ALIVE;
 }

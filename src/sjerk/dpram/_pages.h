@@ -1,10 +1,11 @@
 /* The dual-port RAM: one memory segment between a host and a motion kernel, two programs that may die at
  * any moment, at any line. Here is its layout, byte by byte, and the atomic words it is made of.
  *
- * Four exchanges lie in it, each for one need: the command (the newest one counts, _command.c), the
- * ring (every record counts, in order, _ring.c), the feedback (the newest frame, for any reader,
- * _feedback.c), the events (a slow reader loses the oldest and knows how many, _events.c). _lives.c
- * holds who is there, _segment.c makes the memory and checks it, _slots.c moves payloads.
+ * Five exchanges lie in it, each for one need: the command (the newest one counts, _command.c), the
+ * ring (every record counts, in order, _ring.c), stop requests (of any process, _stops.c), the feedback
+ * (the newest frame, for any reader, _feedback.c), the events (a slow reader loses the oldest and
+ * knows how many, _events.c). _lives.c holds who is there, _segment.c makes the memory and checks it,
+ * _slots.c moves payloads.
  *
  *   byte 0      +---------------------+
  *               | header              |  written once by the creator; `ready` last
@@ -15,6 +16,8 @@
  *   12288       +---------------------+
  *               | kernel page         |  written by the kernel: epoch, heartbeat, ring tail, counts
  *   16384       +---------------------+
+ *               | stop requests       |  a slot for each process that stops, written by it and the kernel
+ *   20480       +---------------------+
  *               | command slots 0 1 2 |  written by the host, in slot w only
  *               +---------------------+
  *               | feedback slots 0..7 |  written by the kernel, frame n in slot n mod 8
@@ -25,7 +28,7 @@
  *               +---------------------+
  *
  * Three rules make it hold. Pages have one owner, so that no cache line is written by two sides, except
- * the one word. A slot is a stamp of 64 bytes and the payload, together a multiple of 64; a reader
+ * the command word and the stop requests. A slot is a stamp of 64 bytes and the payload, together a multiple of 64; a reader
  * compares the stamp, so nothing torn is taken for whole. And counters that must survive
  * the death of their writer live in the segment, not in the writer: a restarted side goes on where
  * its predecessor published last, and overwrites what that one left half-written.
@@ -35,35 +38,35 @@
  * system call, an allocation. Every function works as well on plain private memory.
  */
 #pragma once
-#include <stdatomic.h>                  /* its only use next to the end flag of _clock.c */
-#include <stddef.h>                     /* offsetof */
-#include <stdint.h>                     /* fixed widths */
-#include "dpram/_dpram.h"               /* the contract */
+#include <stdatomic.h>    /* its only use next to the end flag of _clock.c */
+#include <stddef.h>       /* offsetof */
+#include <stdint.h>       /* fixed widths */
+#include "dpram/_dpram.h" /* the contract */
 
-typedef _Atomic uint64_t word;          /* shared memory is touched in whole words only */
+typedef _Atomic uint64_t word; /* shared memory is touched in whole words only */
 
 typedef struct {
     uint8_t magic[8];
     uint32_t major, minor;
     sj_shm_config config;
-    uint64_t size, command, feedback, ring, events;  /* bytes in all; where the slots begin */
-    uint64_t checksum;                  /* of everything above */
-    word ready;                         /* READY, stored last */
+    uint64_t size, command, feedback, ring, events; /* bytes in all; where the slots begin */
+    uint64_t checksum;                              /* of everything above */
+    word ready;                                     /* READY, stored last */
 } header_page;
 
 typedef struct {
-    word epoch;                         /* hosts so far */
-    word pid;                           /* of the present host, for messages only */
-    word left;                          /* the last epoch that ended in order */
-    word addressed;                     /* the kernel epoch that this host speaks to */
-    word timeout_ns;                    /* 0: a silent host is normal */
+    word epoch;      /* hosts so far */
+    word pid;        /* of the present host, for messages only */
+    word left;       /* the last epoch that ended in order */
+    word addressed;  /* the kernel epoch that this host speaks to */
+    word timeout_ns; /* 0: a silent host is normal */
     uint8_t pad0[88];
     word beat_ns;
     uint8_t pad1[120];
-    word published;                     /* commands begun */
+    word published; /* commands begun */
     uint8_t pad2[120];
-    word head;                          /* ring records published */
-    word flush;                         /* records before this number are to be discarded */
+    word head;  /* ring records published */
+    word flush; /* records before this number are to be discarded */
 } host_page;
 
 typedef struct {
@@ -71,26 +74,33 @@ typedef struct {
 } command_page;
 
 typedef struct {
-    word epoch;                         /* kernels so far */
-    word left;                          /* the last epoch that ended in order */
-    word host_note;                     /* host epoch << 1 | its lock is held, as last looked at */
+    word epoch;     /* kernels so far */
+    word left;      /* the last epoch that ended in order */
+    word host_note; /* host epoch << 1 | its lock is held, as last looked at */
     uint8_t pad0[104];
     word beat_ns;
     uint8_t pad1[120];
-    word collected;                     /* number of the newest command taken */
+    word collected; /* number of the newest command taken */
     uint8_t pad2[120];
-    word tail;                          /* ring records taken or discarded */
+    word tail; /* ring records taken or discarded */
     word discarded;
     uint8_t pad3[112];
-    word feedback;                      /* frames published */
+    word feedback; /* frames published */
     uint8_t pad4[120];
-    word events;                        /* events published */
+    word events; /* events published */
 } kernel_page;
+
+/* A cache line each. The page has other writers than the kernel's, but only while they stop it. */
+typedef struct {
+    word halts, quick_stops; /* bit n: axis n; the kernel takes them out */
+    word pid;                /* of the process that has the slot, for messages only */
+    uint8_t pad[40];
+} stop_slot;
 
 /* The stamp of a slot. The checksum covers the other four words and the payload. */
 typedef struct {
-    word number;                        /* 1, 2, ...; 0 while a latch slot is being written */
-    word host_epoch, kernel_epoch;      /* by whom and for whom */
+    word number;                   /* 1, 2, ...; 0 while a latch slot is being written */
+    word host_epoch, kernel_epoch; /* by whom and for whom */
     word checksum;
     uint8_t pad[32];
 } stamp;
@@ -98,7 +108,8 @@ typedef struct {
 _Static_assert(ATOMIC_LLONG_LOCK_FREE == 2 && ATOMIC_INT_LOCK_FREE == 2,
                "atomics with a hidden lock would not work between processes");
 _Static_assert(sizeof(word) == 8 && sizeof(_Atomic uint32_t) == 4, "atomics are plain words");
-_Static_assert(sizeof(sj_shm_config) == 32 && offsetof(sj_shm_config, abi) == 24, "no hidden padding");
+_Static_assert(sizeof(sj_shm_config) == 32 && offsetof(sj_shm_config, abi) == 24,
+               "no hidden padding");
 _Static_assert(offsetof(header_page, config) == 16, "header: config");
 _Static_assert(offsetof(header_page, size) == 48, "header: size");
 _Static_assert(offsetof(header_page, checksum) == 88, "header: checksum");
@@ -112,16 +123,31 @@ _Static_assert(offsetof(kernel_page, collected) == 256, "kernel: command number"
 _Static_assert(offsetof(kernel_page, tail) == 384, "kernel: ring tail");
 _Static_assert(offsetof(kernel_page, feedback) == 512, "kernel: frames");
 _Static_assert(offsetof(kernel_page, events) == 640, "kernel: events");
+_Static_assert(sizeof(stop_slot) == 64 && SJ_STOP_SLOTS * sizeof(stop_slot) <= SJ_SHM_PAGE,
+               "stops");
 _Static_assert(sizeof(stamp) == 64 && offsetof(stamp, checksum) == 24, "stamp");
 _Static_assert(sizeof(header_page) <= SJ_SHM_PAGE && sizeof(host_page) <= SJ_SHM_PAGE &&
-               sizeof(kernel_page) <= SJ_SHM_PAGE, "one page each");
+                   sizeof(kernel_page) <= SJ_SHM_PAGE,
+               "one page each");
 
 /* ---- words ----------------------------------------------------------------------------------- */
 
-static inline uint64_t load(const word *from) { return atomic_load_explicit(from, memory_order_relaxed); }
-static inline uint64_t acquire(const word *from) { return atomic_load_explicit(from, memory_order_acquire); }
-static inline void store(word *to, uint64_t value) { atomic_store_explicit(to, value, memory_order_relaxed); }
-static inline void release(word *to, uint64_t value) { atomic_store_explicit(to, value, memory_order_release); }
+static inline uint64_t load(const word *from)
+{
+    return atomic_load_explicit(from, memory_order_relaxed);
+}
+static inline uint64_t acquire(const word *from)
+{
+    return atomic_load_explicit(from, memory_order_acquire);
+}
+static inline void store(word *to, uint64_t value)
+{
+    atomic_store_explicit(to, value, memory_order_relaxed);
+}
+static inline void release(word *to, uint64_t value)
+{
+    atomic_store_explicit(to, value, memory_order_release);
+}
 
 /* ---- where things lie ------------------------------------------------------------------------ */
 

@@ -3,11 +3,11 @@
  * Its memory is whole once `ready` is stored, last.
  * Never here: names, files, permissions (dpram/ in Python has them).
  */
-#include <string.h>                     /* memcpy, memset on private memory */
-#include "base/_simd.h"                 /* fetching ahead */
-#include "dpram/_pages.h"               /* layout and atomics */
+#include <string.h>       /* memcpy, memset on private memory */
+#include "base/_simd.h"   /* fetching ahead */
+#include "dpram/_pages.h" /* layout and atomics */
 
-static const uint8_t MAGIC[8] = { 's', 'j', 'e', 'r', 'k', '-', 'm', '\n' };
+static const uint8_t MAGIC[8] = {'s', 'j', 'e', 'r', 'k', '-', 'm', '\n'};
 static const uint64_t READY = 0x7964616572ULL;
 enum { MAX_BYTES = 1 << 20, MAX_CAPACITY = 1 << 20 };
 
@@ -20,10 +20,11 @@ static int power_of_two(uint32_t value) { return value != 0 && (value & (value -
 
 static int config_valid(const sj_shm_config *c)
 {
-    return c->command_bytes > 0 && c->command_bytes <= MAX_BYTES &&
-           c->feedback_bytes > 0 && c->feedback_bytes <= MAX_BYTES &&
-           (c->record_capacity == 0 || (power_of_two(c->record_capacity) && c->record_capacity <= MAX_CAPACITY &&
-                                        c->record_bytes > 0 && c->record_bytes <= MAX_BYTES)) &&
+    return c->command_bytes > 0 && c->command_bytes <= MAX_BYTES && c->feedback_bytes > 0 &&
+           c->feedback_bytes <= MAX_BYTES &&
+           (c->record_capacity == 0 ||
+            (power_of_two(c->record_capacity) && c->record_capacity <= MAX_CAPACITY &&
+             c->record_bytes > 0 && c->record_bytes <= MAX_BYTES)) &&
            (c->event_capacity == 0 || (power_of_two(c->event_capacity) && c->event_capacity >= 4 &&
                                        c->event_capacity <= MAX_CAPACITY && c->event_bytes > 0 &&
                                        c->event_bytes <= MAX_BYTES));
@@ -53,7 +54,8 @@ static void header_fill(header_page *page, const sj_shm_config *config)
 uint64_t sj_shm_size(const sj_shm_config *config)
 {
     header_page page;
-    if (!config_valid(config)) return 0;
+    if (!config_valid(config))
+        return 0;
     header_fill(&page, config);
     return page.size;
 }
@@ -61,8 +63,10 @@ uint64_t sj_shm_size(const sj_shm_config *config)
 int32_t sj_shm_format(void *base, uint64_t size, const sj_shm_config *config)
 {
     header_page *page = base;
-    if (!config_valid(config) || (uintptr_t)base % sizeof(word) != 0) return SJ_SHM_CONFIG;
-    if (size < sj_shm_size(config)) return SJ_SHM_TRUNCATED;
+    if (!config_valid(config) || (uintptr_t)base % sizeof(word) != 0)
+        return SJ_SHM_CONFIG;
+    if (size < sj_shm_size(config))
+        return SJ_SHM_TRUNCATED;
     store(&page->ready, 0);
     memset((uint8_t *)base + SJ_SHM_HOST, 0, sj_shm_size(config) - SJ_SHM_HOST);
     header_fill(page, config);
@@ -75,22 +79,32 @@ int32_t sj_shm_check(const void *base, uint64_t size, const sj_shm_config *confi
 {
     const header_page *page = base;
     header_page expected;
-    if (size < SJ_SHM_SLOTS) return SJ_SHM_TRUNCATED;
+    if (size < SJ_SHM_SLOTS)
+        return SJ_SHM_TRUNCATED;
     const uint64_t ready = acquire(&page->ready);
-    if (ready == 0) return SJ_SHM_NOT_READY;
-    if (memcmp(page->magic, MAGIC, sizeof MAGIC) != 0) return SJ_SHM_MAGIC;
-    if (page->major != SJ_SHM_MAJOR) return SJ_SHM_VERSION;
-    if (ready != READY || !config_valid(&page->config)) return SJ_SHM_CORRUPT_HEADER;
+    if (ready == 0)
+        return SJ_SHM_NOT_READY;
+    if (memcmp(page->magic, MAGIC, sizeof MAGIC) != 0)
+        return SJ_SHM_MAGIC;
+    if (page->major != SJ_SHM_MAJOR)
+        return SJ_SHM_VERSION;
+    if (ready != READY || !config_valid(&page->config))
+        return SJ_SHM_CORRUPT_HEADER;
     header_fill(&expected, &page->config);
     expected.minor = page->minor;
-    if (page->size != expected.size || page->command != expected.command || page->feedback != expected.feedback ||
-        page->ring != expected.ring || page->events != expected.events)
+    if (page->size != expected.size || page->command != expected.command ||
+        page->feedback != expected.feedback || page->ring != expected.ring ||
+        page->events != expected.events)
         return SJ_SHM_CORRUPT_HEADER;
-    if (page->minor == SJ_SHM_MINOR && page->checksum != expected.checksum) return SJ_SHM_CORRUPT_HEADER;
-    if (size < page->size) return SJ_SHM_TRUNCATED;
+    if (page->minor == SJ_SHM_MINOR && page->checksum != expected.checksum)
+        return SJ_SHM_CORRUPT_HEADER;
+    if (size < page->size)
+        return SJ_SHM_TRUNCATED;
     if (config != NULL) {
-        if (page->config.abi != config->abi) return SJ_SHM_ABI;
-        if (memcmp(&page->config, config, sizeof *config) != 0) return SJ_SHM_CONFIG;
+        if (page->config.abi != config->abi)
+            return SJ_SHM_ABI;
+        if (memcmp(&page->config, config, sizeof *config) != 0)
+            return SJ_SHM_CONFIG;
     }
     return SJ_SHM_OK;
 }
@@ -98,7 +112,8 @@ int32_t sj_shm_check(const void *base, uint64_t size, const sj_shm_config *confi
 int32_t sj_shm_read_config(const void *base, uint64_t size, sj_shm_config *config)
 {
     const int32_t status = sj_shm_check(base, size, NULL);
-    if (status == SJ_SHM_OK) *config = header(base)->config;
+    if (status == SJ_SHM_OK)
+        *config = header(base)->config;
     return status;
 }
 
@@ -119,6 +134,7 @@ void sj_shm_warm(const void *base)
     fetch(h, sizeof *h);
     fetch(k, sizeof *k);
     fetch((const uint8_t *)base + SJ_SHM_COMMAND, sizeof(command_page));
+    fetch((const uint8_t *)base + SJ_SHM_STOPS, SJ_STOP_SLOTS * sizeof(stop_slot));
     fetch(slot_of(base, page->feedback, page->config.feedback_bytes, index),
           sizeof(stamp) + page->config.feedback_bytes);
 }

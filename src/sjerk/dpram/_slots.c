@@ -5,8 +5,8 @@
  * is taken of private bytes, so that what is summed is what is handed over.
  * Never here: which slot, which number.
  */
-#include <string.h>                     /* memcpy of private words */
-#include "dpram/_pages.h"               /* layout and atomics */
+#include <string.h>       /* memcpy of private words */
+#include "dpram/_pages.h" /* layout and atomics */
 
 static uint64_t bytes_to_word(const uint8_t *from, size_t bytes)
 {
@@ -34,8 +34,10 @@ static void copy_in(word *to, const void *from, uint32_t bytes)
         store(&eight[6], bytes_to_word(at + 48, 8));
         store(&eight[7], bytes_to_word(at + 56, 8));
     }
-    for (; i < whole; i++) store(&to[i], bytes_to_word(source + 8 * (size_t)i, 8));
-    if (bytes % 8 != 0) store(&to[whole], bytes_to_word(source + 8 * (size_t)whole, bytes % 8));
+    for (; i < whole; i++)
+        store(&to[i], bytes_to_word(source + 8 * (size_t)i, 8));
+    if (bytes % 8 != 0)
+        store(&to[whole], bytes_to_word(source + 8 * (size_t)whole, bytes % 8));
 }
 
 /* Of private bytes, so that what is summed is what is handed over, even if another one writes. Four sums side
@@ -50,8 +52,10 @@ static uint64_t checksum(const void *bytes_of, uint32_t bytes, uint64_t sum)
         c = mix(c, bytes_to_word(from + 16, 8));
         d = mix(d, bytes_to_word(from + 24, 8));
     }
-    for (; bytes >= 8; bytes -= 8, from += 8) a = mix(a, bytes_to_word(from, 8));
-    if (bytes > 0) a = mix(a, bytes_to_word(from, bytes));
+    for (; bytes >= 8; bytes -= 8, from += 8)
+        a = mix(a, bytes_to_word(from, 8));
+    if (bytes > 0)
+        a = mix(a, bytes_to_word(from, bytes));
     return mix(mix(mix(a, b), c), d);
 }
 
@@ -89,7 +93,8 @@ int sj_slot_copy(const stamp *at, uint64_t number, uint64_t host_epoch, uint64_t
                  void *item, uint32_t bytes)
 {
     copy_out(item, payload_of(at), bytes);
-    return checksum(item, bytes, stamp_sum(number, host_epoch, kernel_epoch)) == load(&at->checksum);
+    return checksum(item, bytes, stamp_sum(number, host_epoch, kernel_epoch)) ==
+           load(&at->checksum);
 }
 
 /* Item n = *count + 1. A slot under the pen has number 0, so a reader cannot take it for whole; the
@@ -98,7 +103,7 @@ void sj_latch_publish(word *count, stamp *at, const void *item, uint32_t bytes)
 {
     const uint64_t number = load(count) + 1;
     store(&at->number, 0);
-    atomic_thread_fence(memory_order_release);  /* the 0 is seen before any of the payload */
+    atomic_thread_fence(memory_order_release); /* the 0 is seen before any of the payload */
     copy_in(payload(at), item, bytes);
     release(&at->number, number);
     release(count, number);
@@ -107,8 +112,9 @@ void sj_latch_publish(word *count, stamp *at, const void *item, uint32_t bytes)
 /* 1 if the slot held item `number` from the first word copied to the last. */
 int sj_latch_copy(const stamp *at, uint64_t number, void *item, uint32_t bytes)
 {
-    if (acquire(&at->number) != number) return 0;
+    if (acquire(&at->number) != number)
+        return 0;
     copy_out(item, payload_of(at), bytes);
-    atomic_thread_fence(memory_order_acquire);  /* pairs with the fence of the writer */
+    atomic_thread_fence(memory_order_acquire); /* pairs with the fence of the writer */
     return load(&at->number) == number;
 }

@@ -2,8 +2,9 @@
 
 A segment is a ``multiprocessing.shared_memory.SharedMemory``. A lock is a byte of the segment file
 itself, held by an open file description (``F_OFD_SETLK``): it ends with its process, however that
-dies, can be looked at without being taken, and leaves no file of its own behind. Three bytes are
-used, far beyond the content: host, kernel, and one that everybody who has the segment open shares.
+dies, can be looked at without being taken, and leaves no file of its own behind. They lie far
+beyond the content: host, kernel, one that everybody who has the segment open shares, and one for
+each slot for stop requests.
 
 Never here: what the content means.
 """
@@ -14,6 +15,7 @@ import contextlib
 import enum
 import errno
 import fcntl
+import grp
 import mmap
 import os
 import re
@@ -27,6 +29,7 @@ from typing import Any
 from sjerk import errors
 from sjerk._binding import ffi, lib
 from sjerk.dpram.layout import Layout, raise_for_status
+from sjerk.dpram.shortage import shortage
 
 #: Where POSIX shared memory lives, and how the names of our files begin.
 FOLDER, PREFIX = "/dev/shm", "sjerk-"
@@ -37,7 +40,7 @@ INCOMPLETE = ".unborn"
 #: Ends the name of a segment that goes with the kernel of the name before it.
 TRACE = ".trace"
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*(\.trace)?")
-_LONGEST_NAME = 200  # file names end at 255 bytes
+_LONGEST_NAME = 194  # that of its trace, while it is made, ends at 255 bytes
 
 _FLOCK = "hhqqi4x"  # struct flock: type, whence, start, length, pid
 
@@ -51,6 +54,8 @@ class Lock(enum.IntEnum):
     """Held by the one kernel."""
     PRESENT = HOST + 2
     """Shared by everybody who has the segment open."""
+    FIRST_STOP = HOST + 3
+    """Held by the process that has the first slot for stop requests; the other slots follow."""
 
 
 def check_name(name: str) -> str:
@@ -61,14 +66,15 @@ def check_name(name: str) -> str:
     """
     if not isinstance(name, str):
         raise TypeError(f"a kernel name must be a str, not {name!r}")
-    if len(name) > _LONGEST_NAME:
+    given = len(name.removesuffix(TRACE))
+    if given > _LONGEST_NAME:
         raise errors.SegmentNameError(
-            f"kernel name of {len(name)} characters is too long: at most {_LONGEST_NAME}", name=name
+            f"kernel name of {given} characters is too long: at most {_LONGEST_NAME}", name=name
         )
     if not _NAME.fullmatch(name):
-        given = name.removesuffix(TRACE)
         raise errors.SegmentNameError(
-            f"kernel name {given!r} must be letters, digits, '_' and '-', a letter or digit first",
+            f"kernel name {name.removesuffix(TRACE)!r} must be letters, digits, '_' and '-', "
+            "a letter or digit first",
             name=name,
         )
     return name
@@ -133,10 +139,12 @@ def open_file(name: str, path: str, flags: int) -> int:
             ) from None
         raise
     except OSError as error:
-        if error.errno in (errno.ELOOP, errno.EISDIR, errno.ENXIO):
+        if error.errno in (errno.ELOOP, errno.EISDIR, errno.ENXIO, errno.ENODEV):
             raise errors.SegmentGarbageError(
                 f"{path} is not a segment but a link, folder or device", name=name
             ) from None
+        if (missing := shortage(error, FOLDER)) is not None:
+            raise errors.SegmentMemoryError(f"segment {name!r}: {missing}", name=name) from None
         raise
 
 
@@ -157,6 +165,10 @@ class _Bypass:
         if name.lstrip("/") != self._name:
             self._real.register(name, rtype)
 
+    def unregister(self, name: str, rtype: str) -> None:  # where making it fails half way
+        if name.lstrip("/") != self._name:
+            self._real.unregister(name, rtype)
+
     def __getattr__(self, attribute: str) -> Any:
         return getattr(self._real, attribute)
 
@@ -164,26 +176,29 @@ class _Bypass:
 _bypass_lock = threading.Lock()
 
 
-def map_file(name: str, *, create: bool = False, size: int = 0) -> shared_memory.SharedMemory:
-    """A SharedMemory that no resource tracker knows of."""
+def new_memory(name: str, size: int) -> shared_memory.SharedMemory:
+    """A new SharedMemory that no resource tracker knows of."""
     if sys.version_info >= (3, 13):
-        return shared_memory.SharedMemory(name, create=create, size=size, track=False)
+        return shared_memory.SharedMemory(name, create=True, size=size, track=False)
     module: Any = shared_memory
     with _bypass_lock:
         real = module.resource_tracker
         module.resource_tracker = _Bypass(real, name)
         try:
-            return shared_memory.SharedMemory(name, create=create, size=size)
+            return shared_memory.SharedMemory(name, create=True, size=size)
         finally:
             module.resource_tracker = real
 
 
-class ReadOnlyPages:
-    """What a monitor maps: the pages of the same file, for reading only."""
+class Pages:
+    """The pages of a segment that is open, for reading only or for writing too.
 
-    def __init__(self, fd: int) -> None:
+    Not a SharedMemory: where one cannot map the pages it removes the segment, which is another's.
+    """
+
+    def __init__(self, fd: int, *, writable: bool) -> None:
         """Map the whole file."""
-        self.buf = mmap.mmap(fd, 0, access=mmap.ACCESS_READ)
+        self.buf = mmap.mmap(fd, 0, access=mmap.ACCESS_WRITE if writable else mmap.ACCESS_READ)
 
     def close(self) -> None:
         """Give the pages back."""
@@ -201,6 +216,29 @@ class PrivateMemory:
         """Nothing to give back."""
 
 
+def let_in(fd: int, gid: int) -> None:
+    """Give a file to a group; raises InputError where this user is not in it."""
+    try:
+        os.fchown(fd, -1, gid)
+    except PermissionError:
+        why = f"user {os.geteuid()} is not in it"
+        raise errors.InputError("group", gid, why) from None
+
+
+def group_number(group: int | str | None) -> int | None:
+    """The number of a group by its name or number; raises InputError where there is none."""
+    if group is None:
+        return None
+    if isinstance(group, bool) or not isinstance(group, int | str):
+        raise errors.InputError("group", group, "must be the name or the number of a group")
+    try:
+        if isinstance(group, str) and not group.isdecimal():
+            return grp.getgrnam(group).gr_gid
+        return grp.getgrgid(int(group)).gr_gid
+    except (KeyError, OverflowError):
+        raise errors.InputError("group", group, "is no group of this system") from None
+
+
 def create_file(name: str, temporary: str, layout: Layout, gid: int | None) -> int:
     """Make a whole segment under a name that no other process asks for.
 
@@ -209,11 +247,9 @@ def create_file(name: str, temporary: str, layout: Layout, gid: int | None) -> i
     """
     size = layout.size
     try:
-        memory = map_file(PREFIX + temporary, create=True, size=size)
+        memory = new_memory(PREFIX + temporary, size)
     except OSError as error:
-        if error.errno in (errno.ENOSPC, errno.ENOMEM):
-            raise _no_memory(name, size) from None
-        raise
+        raise no_memory(error, name, size) from error
     fd = -1
     try:
         fd = open_file(name, path_of(temporary), os.O_RDWR)
@@ -223,7 +259,7 @@ def create_file(name: str, temporary: str, layout: Layout, gid: int | None) -> i
         # Now, so that a full file system is an error here and not a bus error in the cycle.
         os.posix_fallocate(fd, 0, size)
         if gid is not None:
-            os.fchown(fd, -1, gid)
+            let_in(fd, gid)
         os.fchmod(fd, 0o600 if gid is None else 0o660)
         with ffi.from_buffer("char[]", memory.buf) as base:
             raise_for_status(lib.sj_shm_format(base, len(base), layout.config()), name)
@@ -232,18 +268,25 @@ def create_file(name: str, temporary: str, layout: Layout, gid: int | None) -> i
             os.close(fd)
         with contextlib.suppress(FileNotFoundError):
             os.unlink(path_of(temporary))
-        if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.ENOMEM):
-            raise _no_memory(name, size) from None
+        if isinstance(error, OSError):
+            raise no_memory(error, name, size) from error
         raise
     finally:
         memory.close()
     return fd
 
 
-def _no_memory(name: str, size: int) -> errors.SegmentMemoryError:
-    return errors.SegmentMemoryError(
-        f"segment {name!r}: {FOLDER} has no {size} bytes left", name=name, size=size
-    )
+def no_memory(error: OSError, name: str, size: int) -> Exception:
+    """The error of a segment that cannot be made or mapped for want of something; or as it is."""
+    missing = shortage(error, FOLDER, size)
+    if missing is None:
+        return error
+    return errors.SegmentMemoryError(f"segment {name!r}: {missing}", name=name, size=size)
+
+
+def ours(fd: int) -> bool:
+    """Whether it is a file that begins as a segment does, of whatever version or state."""
+    return stat.S_ISREG(os.fstat(fd).st_mode) and os.pread(fd, len(MAGIC), 0) == MAGIC
 
 
 def check_file(fd: int, name: str, any_owner: bool) -> None:
@@ -256,8 +299,8 @@ def check_file(fd: int, name: str, any_owner: bool) -> None:
         raise errors.SegmentGarbageError(f"segment {name!r} is not a regular file", name=name)
     if found.st_uid != os.geteuid() and not any_owner:
         raise errors.SegmentOwnerError(
-            f"segment {name!r} belongs to user {found.st_uid}, not {os.geteuid()}; "
-            "any_owner=True accepts it",
+            f"segment {name!r} belongs to user {found.st_uid}, not {os.geteuid()}: "
+            "any_owner=True (--any-owner) accepts it",
             name=name,
             uid=found.st_uid,
         )
@@ -284,6 +327,11 @@ def _make_room(name: str, replace_stale: bool) -> None:
     path = path_of(name)
     fd = open_file(name, path, os.O_RDWR)
     try:
+        if not ours(fd):
+            raise errors.SegmentGarbageError(
+                f"{path} is there and is no segment of sjerk: it is left alone, take another name",
+                name=name,
+            )
         if not take_lock(fd, fcntl.F_WRLCK, Lock.PRESENT):
             raise errors.SegmentTakenError(
                 f"segment {name.removesuffix(TRACE)!r} is in use: a kernel of this name is running",

@@ -6,8 +6,10 @@ Never here: making or opening a segment.
 from __future__ import annotations
 
 import contextlib
+import errno
 import fcntl
 import os
+import stat
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -16,12 +18,13 @@ from sjerk import errors
 from sjerk.dpram.files import (
     FOLDER,
     INCOMPLETE,
-    MAGIC,
     PREFIX,
     TRACE,
     Lock,
     locked_by_other,
+    no_memory,
     open_file,
+    ours,
     path_of,
     still_named,
     take_lock,
@@ -66,7 +69,14 @@ def clean(*, dry_run: bool = False, any_owner: bool = False) -> list[SegmentInfo
 
 
 def _inspect_all(dry_run: bool, any_owner: bool) -> Iterator[SegmentInfo]:
-    for entry in sorted(os.listdir(FOLDER)):
+    """Whatever lies there: what is no segment ends the look at nothing but itself."""
+    try:
+        entries = sorted(os.listdir(FOLDER))
+    except OSError as error:
+        if error.errno == errno.ENOENT:
+            return
+        raise no_memory(error, FOLDER, 0) from error
+    for entry in entries:
         if entry.startswith(PREFIX):
             with contextlib.suppress(errors.SegmentMissingError, FileNotFoundError):
                 yield _inspect(entry.removeprefix(PREFIX), dry_run, any_owner)
@@ -80,17 +90,21 @@ def _inspect(name: str, dry_run: bool, any_owner: bool) -> SegmentInfo:
         nothing = {"host": False, "kernel": False, "in_use": False, "removed": False}
         return SegmentInfo(name=name, size=found.st_size, uid=found.st_uid, **(nothing | more))
 
+    if not stat.S_ISREG(found.st_mode):
+        return info(problem="not a segment of sjerk: no file")
     try:
         fd = open_file(name, path, os.O_RDWR)
     except (errors.SegmentOwnerError, errors.SegmentGarbageError) as error:
         return info(in_use=isinstance(error, errors.SegmentOwnerError), problem=str(error))
+    except OSError as error:
+        return info(problem=str(error))
     try:
         host, kernel = locked_by_other(fd, Lock.HOST), locked_by_other(fd, Lock.KERNEL)
         if locked_by_other(fd, Lock.PRESENT):
             return info(host=host, kernel=kernel, in_use=True)
         if found.st_uid != os.geteuid() and not any_owner:
             return info(problem=f"belongs to user {found.st_uid}")
-        if INCOMPLETE not in name and not _ours(fd):
+        if INCOMPLETE not in name and not ours(fd):
             return info(problem="not a segment of sjerk")
         if dry_run:
             return info()
@@ -99,10 +113,7 @@ def _inspect(name: str, dry_run: bool, any_owner: bool) -> SegmentInfo:
             return info(in_use=True)
         os.unlink(path)
         return info(removed=True)
+    except OSError as error:  # a read-only file system, locks that are not to be had
+        return info(problem=str(error))
     finally:
         os.close(fd)
-
-
-def _ours(fd: int) -> bool:
-    """Whether the content begins as a segment does, of whatever version or state."""
-    return os.pread(fd, len(MAGIC), 0) == MAGIC

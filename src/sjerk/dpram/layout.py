@@ -26,7 +26,7 @@ class Layout:
     Raises ``TypeError`` for what is no int, ``ValueError`` with the field and its limit.
 
     >>> Layout(command_bytes=512, feedback_bytes=512).size
-    28672
+    32768
     """
 
     command_bytes: int

@@ -2,12 +2,13 @@
  * IEC 61800-7-201. Pure: a state and what it decides upon in, a state out.
  * Never here: motions, positions, clocks, the motor.
  */
-#include <stdint.h> /* fixed widths */
+#include <stdint.h>          /* fixed widths */
 #include "drive/_internal.h" /* what the files of the drive share */
 
 /* ---- faults by name ---- */
 
-enum {                                  /* bits of 1001h */
+/* bits of 1001h */
+enum {
     GENERIC = 1,
     CURRENT = 2,
     VOLTAGE = 4,
@@ -38,10 +39,7 @@ uint16_t sj_drive_fault_code(int32_t fault)
     return fault >= 0 && fault < SJ_FAULTS ? FAULTS[fault].code : 0;
 }
 
-const sj_drive_fault_row *sj_drive_fault(int32_t fault)
-{
-    return &FAULTS[fault];
-}
+const sj_drive_fault_row *sj_drive_fault(int32_t fault) { return &FAULTS[fault]; }
 
 /* ---- the state machine ---- */
 
@@ -79,8 +77,7 @@ int32_t sj_drive_next(int32_t state, const sj_drive_input *in, uint32_t *ran)
         return take(ran, 13, SJ_STATE_FAULT_REACTION);
     }
     switch (state) {
-    case SJ_STATE_NOT_READY:
-        return take(ran, 1, SJ_STATE_SWITCH_ON_DISABLED);
+    case SJ_STATE_NOT_READY: return take(ran, 1, SJ_STATE_SWITCH_ON_DISABLED);
 
     case SJ_STATE_SWITCH_ON_DISABLED:
         if (command == SHUTDOWN && in->power) {
@@ -91,45 +88,33 @@ int32_t sj_drive_next(int32_t state, const sj_drive_input *in, uint32_t *ran)
     case SJ_STATE_READY:
         switch (command) {
         case DISABLE_VOLTAGE:
-        case QUICK_STOP:
-            return take(ran, 7, SJ_STATE_SWITCH_ON_DISABLED);
-        case SWITCH_ON:
-            return take(ran, 3, SJ_STATE_SWITCHED_ON);
+        case QUICK_STOP: return take(ran, 7, SJ_STATE_SWITCH_ON_DISABLED);
+        case SWITCH_ON: return take(ran, 3, SJ_STATE_SWITCHED_ON);
         case ENABLE_OPERATION:
             (void)take(ran, 3, SJ_STATE_SWITCHED_ON);
             return take(ran, 4, SJ_STATE_OPERATION_ENABLED);
-        default:
-            return state;
+        default: return state;
         }
 
     case SJ_STATE_SWITCHED_ON:
         switch (command) {
         case DISABLE_VOLTAGE:
-        case QUICK_STOP:
-            return take(ran, 10, SJ_STATE_SWITCH_ON_DISABLED);
-        case SHUTDOWN:
-            return take(ran, 6, SJ_STATE_READY);
-        case ENABLE_OPERATION:
-            return take(ran, 4, SJ_STATE_OPERATION_ENABLED);
-        default:
-            return state;
+        case QUICK_STOP: return take(ran, 10, SJ_STATE_SWITCH_ON_DISABLED);
+        case SHUTDOWN: return take(ran, 6, SJ_STATE_READY);
+        case ENABLE_OPERATION: return take(ran, 4, SJ_STATE_OPERATION_ENABLED);
+        default: return state;
         }
 
     case SJ_STATE_OPERATION_ENABLED:
         switch (command) {
-        case DISABLE_VOLTAGE:
-            return take(ran, 9, SJ_STATE_SWITCH_ON_DISABLED);
-        case QUICK_STOP:
-            return take(ran, 11, SJ_STATE_QUICK_STOP);
+        case DISABLE_VOLTAGE: return take(ran, 9, SJ_STATE_SWITCH_ON_DISABLED);
+        case QUICK_STOP: return take(ran, 11, SJ_STATE_QUICK_STOP);
         case SHUTDOWN: /* with a ramp first, the state changes when the motor stands */
-            return in->shutdown_option == 1 && !in->standing ? state
-                                                             : take(ran, 8, SJ_STATE_READY);
+            return in->shutdown_option == 1 && !in->standing ? state : take(ran, 8, SJ_STATE_READY);
         case SWITCH_ON:
-            return in->disable_option == 1 && !in->standing
-                       ? state
-                       : take(ran, 5, SJ_STATE_SWITCHED_ON);
-        default:
-            return state;
+            return in->disable_option == 1 && !in->standing ? state
+                                                            : take(ran, 5, SJ_STATE_SWITCHED_ON);
+        default: return state;
         }
 
     case SJ_STATE_QUICK_STOP:
@@ -143,35 +128,27 @@ int32_t sj_drive_next(int32_t state, const sj_drive_input *in, uint32_t *ran)
                    ? take(ran, 12, SJ_STATE_SWITCH_ON_DISABLED)
                    : state;
 
-    case SJ_STATE_FAULT_REACTION:
-        return in->standing ? take(ran, 14, SJ_STATE_FAULT) : state;
+    case SJ_STATE_FAULT_REACTION: return in->standing ? take(ran, 14, SJ_STATE_FAULT) : state;
 
     case SJ_STATE_FAULT:
         return reset && !in->cause ? take(ran, 15, SJ_STATE_SWITCH_ON_DISABLED) : state;
 
-    default:
-        return state;
+    default: return state;
     }
 }
 
 uint16_t sj_drive_state_bits(int32_t state)
 {
     switch (state) {
-    case SJ_STATE_SWITCH_ON_DISABLED:
-        return SJ_SW_DISABLED;
-    case SJ_STATE_READY:
-        return SJ_SW_READY | SJ_SW_QUICK_STOP;
-    case SJ_STATE_SWITCHED_ON:
-        return SJ_SW_READY | SJ_SW_SWITCHED_ON | SJ_SW_QUICK_STOP;
+    case SJ_STATE_SWITCH_ON_DISABLED: return SJ_SW_DISABLED;
+    case SJ_STATE_READY: return SJ_SW_READY | SJ_SW_QUICK_STOP;
+    case SJ_STATE_SWITCHED_ON: return SJ_SW_READY | SJ_SW_SWITCHED_ON | SJ_SW_QUICK_STOP;
     case SJ_STATE_OPERATION_ENABLED:
         return SJ_SW_READY | SJ_SW_SWITCHED_ON | SJ_SW_OPERATION_ENABLED | SJ_SW_QUICK_STOP;
-    case SJ_STATE_QUICK_STOP:
-        return SJ_SW_READY | SJ_SW_SWITCHED_ON | SJ_SW_OPERATION_ENABLED;
+    case SJ_STATE_QUICK_STOP: return SJ_SW_READY | SJ_SW_SWITCHED_ON | SJ_SW_OPERATION_ENABLED;
     case SJ_STATE_FAULT_REACTION:
         return SJ_SW_READY | SJ_SW_SWITCHED_ON | SJ_SW_OPERATION_ENABLED | SJ_SW_FAULT;
-    case SJ_STATE_FAULT:
-        return SJ_SW_FAULT;
-    default:
-        return 0;
+    case SJ_STATE_FAULT: return SJ_SW_FAULT;
+    default: return 0;
     }
 }

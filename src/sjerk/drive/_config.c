@@ -3,8 +3,8 @@
  * The table is the only place that knows the ranges; Python asks it. Its order is the order of the
  * struct. Never here: what a field does.
  */
-#include <stdint.h> /* fixed widths */
-#include <stddef.h> /* offsetof */
+#include <stdint.h>          /* fixed widths */
+#include <stddef.h>          /* offsetof */
 #include "drive/_internal.h" /* what the files of the drive share */
 
 typedef enum { REAL, UNSIGNED, SIGNED } kind;
@@ -18,9 +18,9 @@ typedef struct {
 } field;
 
 #define FIELD(name, type, low, high) {#name, offsetof(sj_drive_config, name), type, low, high}
-#define U32_MAX 4294967295.0
-#define I32_MIN (-2147483648.0)
-#define I32_MAX 2147483647.0
+#define U32_MAX                      4294967295.0
+#define I32_MIN                      (-2147483648.0)
+#define I32_MAX                      2147483647.0
 
 static const field FIELDS[] = {
     FIELD(period_s, REAL, 25e-6, 0.1),
@@ -87,9 +87,10 @@ static const field FIELDS[] = {
     FIELD(fault_option, SIGNED, 0.0, 4.0),
     FIELD(abort_option, SIGNED, 0.0, 3.0),
     FIELD(jump_option, SIGNED, 0.0, 2.0),
-    FIELD(positioning_option, SIGNED, 0.0, 2.0),
+    FIELD(positioning_option, SIGNED, 0.0, 194.0),
     FIELD(sync_extrapolation, UNSIGNED, 0.0, 65535.0),
     FIELD(sync_error_limit, UNSIGNED, 1.0, 65535.0),
+    FIELD(software_from_home, UNSIGNED, 0.0, 1.0),
     FIELD(home_offset, SIGNED, I32_MIN, I32_MAX),
     FIELD(homing_method, SIGNED, 0.0, 37.0),
     FIELD(homing_speed_switch, UNSIGNED, 1.0, U32_MAX),
@@ -125,12 +126,9 @@ static double value_of(const sj_drive_config *config, const field *entry)
     const char *place = (const char *)config + entry->offset;
 
     switch (entry->type) {
-    case UNSIGNED:
-        return *(const uint32_t *)(const void *)place;
-    case SIGNED:
-        return *(const int32_t *)(const void *)place;
-    default:
-        return *(const double *)(const void *)place;
+    case UNSIGNED: return *(const uint32_t *)(const void *)place;
+    case SIGNED: return *(const int32_t *)(const void *)place;
+    default: return *(const double *)(const void *)place;
     }
 }
 
@@ -196,7 +194,8 @@ int32_t sj_drive_config_check(const sj_drive_config *config)
     }
     /* the motor at four times its speed stays far from the ends of 64 bits in every product */
     if (4.0 * config->max_speed_rpm / 60.0 * config->encoder_increments /
-            config->encoder_revolutions * config->period_s > 1073741824.0) {
+            config->encoder_revolutions * config->period_s >
+        1073741824.0) {
         return number_of(offsetof(sj_drive_config, max_speed_rpm));
     }
     /* explicit Euler: friction may take at most all of the speed in one inner step */
@@ -205,19 +204,21 @@ int32_t sj_drive_config_check(const sj_drive_config *config)
     if (damping > inertia * config->inner_rate_hz) {
         return number_of(offsetof(sj_drive_config, friction_nm));
     }
-    if (config->range_min >= config->range_max) {
-        return number_of(offsetof(sj_drive_config, range_max));
-    }
-    if (config->software_min > config->software_max) {
-        return number_of(offsetof(sj_drive_config, software_max));
+    if ((config->positioning_option & ~(SJ_RELATIVE_BITS | SJ_ROTARY_BITS)) != 0 ||
+        (config->positioning_option & SJ_RELATIVE_BITS) > SJ_RELATIVE_ACTUAL) {
+        return number_of(offsetof(sj_drive_config, positioning_option));
     }
     if (config->switch_negative_rev >= config->switch_positive_rev) {
         return number_of(offsetof(sj_drive_config, switch_positive_rev));
     }
     switch (config->homing_method) {
-    case 0: case 17: case 18: case 33: case 34: case 35: case 37:
-        return 0;
-    default:
-        return number_of(offsetof(sj_drive_config, homing_method));
+    case 0:
+    case 17:
+    case 18:
+    case 33:
+    case 34:
+    case 35:
+    case 37: return 0;
+    default: return number_of(offsetof(sj_drive_config, homing_method));
     }
 }

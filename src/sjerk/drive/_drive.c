@@ -5,9 +5,10 @@
  * Pure: everything is in the struct that is passed in.
  * Never here: clocks, transport, how a plan is found, the motor's equations.
  */
-#include <stddef.h> /* NULL */
-#include <stdint.h> /* fixed widths */
-#include "drive/_internal.h" /* what the files of the drive share */
+#include <math.h>             /* ceil, where a plan is made */
+#include <stddef.h>           /* NULL */
+#include <stdint.h>           /* fixed widths */
+#include "drive/_internal.h"  /* what the files of the drive share */
 #include "planner/_planner.h" /* modes 1 and 3 */
 
 static int supports_mode(int32_t mode)
@@ -19,10 +20,8 @@ static int supports_mode(int32_t mode)
     case SJ_MODE_HOMING:
     case SJ_MODE_CSP:
     case SJ_MODE_CSV:
-    case SJ_MODE_CST:
-        return 1;
-    default:
-        return 0;
+    case SJ_MODE_CST: return 1;
+    default: return 0;
     }
 }
 
@@ -64,8 +63,8 @@ static void step_state(sj_drive *drive, uint16_t word)
         .power = (drive->causes & no_power) == 0,
         .cause = drive->causes != 0 && !(drive->config.abort_option != 1 &&
                                          drive->causes == (uint32_t)1 << SJ_FAULT_LOST_LINK),
-        .standing = (uint8_t)(drive->standing ||
-                              (before == SJ_STATE_FAULT_REACTION && coasts(drive))),
+        .standing =
+            (uint8_t)(drive->standing || (before == SJ_STATE_FAULT_REACTION && coasts(drive))),
     };
     uint32_t ran = 0;
 
@@ -74,7 +73,9 @@ static void step_state(sj_drive *drive, uint16_t word)
     drive->controlword_before = drive->controlword;
     drive->controlword = word;
     if (drive->state == SJ_STATE_OPERATION_ENABLED && before != drive->state) {
-        sj_motion_adopt_actual(drive); /* T4, T16 */
+        if (drive->stop == 0) {
+            sj_motion_adopt_actual(drive); /* T4, T16; a ramp that is under way goes on */
+        }
         drive->servo.integral_nm = before == SJ_STATE_QUICK_STOP ? drive->servo.integral_nm : 0.0;
         drive->resync = 1;
         drive->warning = 0;
@@ -103,49 +104,90 @@ static void step_mode(sj_drive *drive, int32_t wanted)
     sj_profile_give_up(drive);
 }
 
-/* What the motor does in this period, by state. */
-static void command_motion(sj_drive *drive, const sj_drive_rx *rx, sj_servo_command *command)
+/* Modes that plan their own way go on from any velocity: a stop that was ordered ends with its order. */
+static int plans_its_way(int32_t mode)
 {
-    const sj_drive_config *config = &drive->config;
-    const uint16_t word = drive->controlword;
-    int32_t fault = SJ_FAULT_NONE;
+    return mode == SJ_MODE_PROFILE_POSITION || mode == SJ_MODE_PROFILE_VELOCITY ||
+           mode == SJ_MODE_HOMING;
+}
 
-    switch (drive->state) {
-    case SJ_STATE_OPERATION_ENABLED:
-        if ((word & SJ_CW_SWITCH_ON) == 0 || (word & SJ_CW_ENABLE_OPERATION) == 0) {
-            /* the ramp of 605Bh or 605Ch, before the state changes */
-            sj_motion_stop(drive, command, 1);
-            drive->resync = 1;
-        } else if (word & SJ_CW_HALT) {
-            sj_motion_stop(drive, command, config->halt_option);
-            drive->resync = 1;
-        } else if (drive->mode == SJ_MODE_NONE) {
-            sj_motion_stop(drive, command, 1);
-            drive->resync = 1;
-        } else if (drive->resync && drive->mode == SJ_MODE_CSP) {
+/* The ramp that the words ask for while operation is enabled: of 605Bh or 605Ch before the state
+ * changes, of halt, of no mode; 0: none. */
+static int32_t ordered_stop(const sj_drive *drive)
+{
+    const uint16_t word = drive->controlword;
+
+    if ((word & SJ_CW_SWITCH_ON) == 0 || (word & SJ_CW_ENABLE_OPERATION) == 0) {
+        return 1;
+    }
+    if (word & SJ_CW_HALT) {
+        return drive->config.halt_option;
+    }
+    return drive->mode == SJ_MODE_NONE;
+}
+
+/* What the mode does in a period; returns a fault or SJ_FAULT_NONE. */
+static int32_t run_mode(sj_drive *drive, const sj_drive_rx *rx, sj_servo_command *command)
+{
+    switch (drive->mode) {
+    case SJ_MODE_PROFILE_POSITION: sj_profile_position(drive, command); return SJ_FAULT_NONE;
+    case SJ_MODE_PROFILE_VELOCITY: sj_profile_velocity(drive, rx, command); return SJ_FAULT_NONE;
+    case SJ_MODE_HOMING: sj_homing_period(drive, command); return SJ_FAULT_NONE;
+    case SJ_MODE_CSP:
+        if (drive->resync) {
             /* the master sees where the axis is before its targets count */
             sj_motion_adopt_actual(drive);
             sj_motion_stop(drive, command, 1);
             drive->resync = 0;
-        } else if (drive->mode == SJ_MODE_PROFILE_POSITION) {
-            sj_profile_position(drive, rx, command);
-        } else if (drive->mode == SJ_MODE_PROFILE_VELOCITY) {
-            sj_profile_velocity(drive, rx, command);
-        } else if (drive->mode == SJ_MODE_HOMING) {
-            sj_homing_period(drive, command);
-        } else if (drive->mode == SJ_MODE_CSP) {
-            fault = sj_motion_follow_position(drive, rx, command);
-        } else {
-            if (drive->resync) {
-                sj_motion_adopt_actual(drive);
-                drive->resync = 0;
-            }
-            if (drive->mode == SJ_MODE_CSV) {
-                sj_motion_follow_velocity(drive, rx, command);
-            } else {
-                sj_motion_follow_torque(drive, rx, command);
-            }
+            return SJ_FAULT_NONE;
         }
+        return sj_cyclic_position(drive, rx, command);
+    default:
+        if (drive->resync) {
+            sj_motion_adopt_actual(drive);
+            drive->resync = 0;
+        }
+        if (drive->mode == SJ_MODE_CSV) {
+            sj_cyclic_velocity(drive, rx, command);
+        } else {
+            sj_cyclic_torque(drive, rx, command);
+        }
+        return SJ_FAULT_NONE;
+    }
+}
+
+/* Operation enabled: a stop that is ordered or has begun, or else the mode. */
+static int32_t operate(sj_drive *drive, const sj_drive_rx *rx, sj_servo_command *command)
+{
+    const int32_t ordered = ordered_stop(drive);
+
+    if (drive->mode == SJ_MODE_PROFILE_POSITION) {
+        sj_profile_offer(drive, rx);
+    }
+    if (ordered != 0) {
+        sj_profile_drop(drive);
+        sj_motion_begin_stop(drive, command, ordered);
+        drive->resync = 1;
+        if (plans_its_way(drive->mode)) {
+            drive->stop = 0;
+        }
+        return SJ_FAULT_NONE;
+    }
+    if (sj_motion_stopping(drive, command)) {
+        return SJ_FAULT_NONE;
+    }
+    return run_mode(drive, rx, command);
+}
+
+/* What the motor does in this period, by state. */
+static void command_motion(sj_drive *drive, const sj_drive_rx *rx, sj_servo_command *command)
+{
+    const sj_drive_config *config = &drive->config;
+    int32_t fault = SJ_FAULT_NONE;
+
+    switch (drive->state) {
+    case SJ_STATE_OPERATION_ENABLED:
+        fault = operate(drive, rx, command);
         if (fault == SJ_FAULT_NONE) {
             return;
         }
@@ -157,7 +199,7 @@ static void command_motion(sj_drive *drive, const sj_drive_rx *rx, sj_servo_comm
         if (config->quick_stop_option == 0) {
             sj_motion_power_off(drive, command);
         } else {
-            sj_motion_stop(drive, command, quick_stop_ramp(config));
+            sj_motion_begin_stop(drive, command, quick_stop_ramp(config)); /* and after T16 */
         }
         return;
 
@@ -169,8 +211,7 @@ static void command_motion(sj_drive *drive, const sj_drive_rx *rx, sj_servo_comm
         }
         return;
 
-    default:
-        sj_motion_power_off(drive, command);
+    default: sj_motion_power_off(drive, command);
     }
 }
 
@@ -224,10 +265,9 @@ static sj_servo_command begin_period(sj_drive *drive, const sj_drive_rx *rx)
     if (drive->state != SJ_STATE_OPERATION_ENABLED) {
         drive->goal.acknowledged = 0;
         sj_profile_give_up(drive);
-    } else if (drive->controlword & SJ_CW_HALT &&
-               (drive->goal.plan_phase >= 0 || drive->goal.kind == SJ_VELOCITY_GOAL)) {
-        /* released, the axis waits for a new set-point; a velocity comes back */
-        sj_profile_give_up(drive);
+    }
+    if (drive->state != SJ_STATE_OPERATION_ENABLED && drive->state != SJ_STATE_QUICK_STOP) {
+        drive->stop = 0;
     }
     command_motion(drive, rx, &command);
     command.brake |= (rx->digital_outputs & rx->output_mask & 1u) != 0;
@@ -236,7 +276,7 @@ static sj_servo_command begin_period(sj_drive *drive, const sj_drive_rx *rx)
 
 /* After the servo's period; before: the encoder at its begin. */
 static void end_period(sj_drive *drive, const sj_drive_rx *rx, const sj_servo_command *command,
-                int64_t before, sj_drive_tx *tx)
+                       int64_t before, sj_drive_tx *tx)
 {
     sj_point_move_increments(drive, &drive->actual,
                              subtract_wrapping(drive->servo.encoder, before));
@@ -276,24 +316,75 @@ void sj_drive_cycles(sj_drive *const *drives, const sj_drive_rx *const *rx, sj_d
     }
 }
 
+/* Where a plan ends, from its start. */
+static double end_of(const sj_plan *plan, double velocity, double acceleration)
+{
+    double distance = 0.0;
+
+    for (int32_t i = 0; i < plan->count; i++) {
+        const double n = (double)plan->phase[i].cycles;
+        const double jerk = plan->phase[i].jerk;
+        distance += n * (velocity + n * (acceleration / 2.0 + n * jerk / 6.0));
+        velocity += n * (acceleration + n * jerk / 2.0);
+        acceleration += n * jerk;
+    }
+    return distance;
+}
+
+/* Turns of the range that a move in one direction needs: it may be too fast to stop at the first. */
+static int64_t turns_needed(const sj_drive_request *request)
+{
+    const double direction = request->direction;
+    sj_plan stop;
+    double beyond = 0.0;
+
+    if (request->direction == 0 || direction * request->velocity <= 0.0 ||
+        sj_plan_velocity(request->velocity, request->acceleration, 0.0, &request->limits, &stop) !=
+            SJ_PLAN_OK) {
+        return 0;
+    }
+    beyond =
+        direction * (end_of(&stop, request->velocity, request->acceleration) - request->distance);
+    return beyond > 0.0 && beyond < 0x1p30 * request->turn ? (int64_t)ceil(beyond / request->turn)
+                                                           : 0;
+}
+
+/* A move to its end at rest, or through it where that is sooner; request->goal says which. */
+static int32_t plan_move(sj_drive_request *request, double distance, sj_plan *plan)
+{
+    const int32_t status = sj_plan_move(distance, request->velocity, request->acceleration, 0.0,
+                                        &request->limits, plan);
+    sj_plan through;
+
+    if (request->goal != 0.0 && status == SJ_PLAN_OK &&
+        sj_plan_move(distance, request->velocity, request->acceleration, request->goal,
+                     &request->limits, &through) == SJ_PLAN_OK &&
+        through.cycles <= plan->cycles) {
+        *plan = through;
+    } else {
+        request->goal = 0.0;
+    }
+    return status;
+}
+
 void sj_drive_cycle_planned(sj_drive *drive, const sj_drive_rx *rx, sj_drive_tx *tx)
 {
-    const sj_drive_request *request = &drive->goal.request;
+    sj_drive_request *request = &drive->goal.request;
     sj_plan plan;
     int32_t status = SJ_PLAN_OK;
+    int64_t turns = 0;
 
     sj_drive_cycle(drive, rx, tx);
     switch (request->kind) {
     case SJ_REQUEST_MOVE:
-        status = sj_plan_move(request->distance, request->velocity, request->acceleration, 0.0,
-                              &request->limits, &plan);
+        turns = request->direction * turns_needed(request);
+        status = plan_move(request, request->distance + (double)turns * request->turn, &plan);
         break;
     case SJ_REQUEST_VELOCITY:
         status = sj_plan_velocity(request->velocity, request->acceleration, request->goal,
                                   &request->limits, &plan);
         break;
-    default:
-        return;
+    default: return;
     }
-    sj_profile_answer(drive, status == SJ_PLAN_OK ? &plan : NULL);
+    sj_profile_answer(drive, status == SJ_PLAN_OK ? &plan : NULL, turns);
 }

@@ -4,7 +4,7 @@
  * position at home becomes 607Ch; the axis then stops where its ramp ends and does not return.
  * Never here: the other modes, states.
  */
-#include <stdint.h> /* fixed widths */
+#include <stdint.h>          /* fixed widths */
 #include "drive/_internal.h" /* what the files of the drive share */
 
 static double in_increments(const sj_drive *drive, uint32_t units)
@@ -67,8 +67,7 @@ static void start(sj_drive *drive, uint32_t inputs)
             drive->homing.phase = SJ_HOMING_BACK;
         }
         return;
-    default:
-        return;
+    default: return;
     }
 }
 
@@ -114,9 +113,7 @@ static double search(sj_drive *drive, uint32_t inputs)
         drive->homing.homed = 1;
         drive->homing.phase = SJ_HOMING_STOPPING;
         return 0.0;
-    default:
-        found(drive, drive->actual.increments);
-        return 0.0;
+    default: found(drive, drive->actual.increments); return 0.0;
     }
 }
 
@@ -125,7 +122,7 @@ void sj_homing_period(sj_drive *drive, sj_servo_command *command)
     const double period = drive->config.period_s;
     const double ramp = in_increments(drive, drive->config.homing_acceleration) * period * period;
     const uint16_t word = drive->controlword;
-    const uint32_t inputs = sj_motion_inputs(drive);
+    const uint32_t inputs = sj_limit_inputs(drive);
     double velocity = 0.0;
 
     command->velocity_offset_rad_s = 0.0;

@@ -3,13 +3,16 @@
  *
  * Never here: a motor, a fault, any mode but CSP.
  */
-#include <stdint.h> /* fixed widths */
+#include <stdint.h>          /* fixed widths */
 #include "drive/_internal.h" /* what the files of the drive share */
 
 void sj_ideal_cycle(sj_drive *drive, const sj_drive_rx *rx, sj_drive_tx *tx)
 {
-    const sj_drive_input input = {.controlword = rx->controlword, .previous = drive->controlword,
-                                  .quick_stop_option = 2, .power = 1, .standing = 1};
+    const sj_drive_input input = {.controlword = rx->controlword,
+                                  .previous = drive->controlword,
+                                  .quick_stop_option = 2,
+                                  .power = 1,
+                                  .standing = 1};
     const int32_t before = drive->state;
     uint32_t ran = 0;
     int follows;

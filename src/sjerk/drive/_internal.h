@@ -4,20 +4,20 @@
 #include <stdint.h>
 #include "drive/_drive.h"
 
-#define SJ_TWO_PI 6.283185307179586476925286766559
-#define SJ_RPM (SJ_TWO_PI / 60.0)       /* rad/s */
-#define SJ_OVER_SPEED 1.2               /* of the maximum motor speed: trips */
-#define SJ_SPEED_CLAMP 1.1              /* the velocity command is held within */
-#define SJ_STANDSTILL 1e-3              /* of the maximum motor speed: stands */
+#define SJ_TWO_PI      6.283185307179586476925286766559
+#define SJ_RPM         (SJ_TWO_PI / 60.0) /* rad/s */
+#define SJ_OVER_SPEED  1.2                /* of the maximum motor speed: trips */
+#define SJ_SPEED_CLAMP 1.1                /* the velocity command is held within */
+#define SJ_STANDSTILL  1e-3               /* of the maximum motor speed: stands */
 
 enum { SJ_POLARITY_POSITION = 0x80, SJ_POLARITY_VELOCITY = 0x40, SJ_POLARITY_TORQUE = 0x20 };
-enum { SJ_FAULT_RAMPS = 0, SJ_FAULT_COASTS = 1 };       /* whether the motor can be controlled */
-enum { SJ_POSITION_GOAL = 1, SJ_VELOCITY_GOAL = 2 };    /* sj_drive.goal_set */
+enum { SJ_FAULT_RAMPS = 0, SJ_FAULT_COASTS = 1 };    /* whether the motor can be controlled */
+enum { SJ_POSITION_GOAL = 1, SJ_VELOCITY_GOAL = 2 }; /* sj_drive_goal.kind */
 
 typedef struct {
-    uint16_t code;                      /* 603Fh and the first two bytes of an emergency */
-    uint8_t error_register;             /* 1001h */
-    uint8_t reaction;                   /* SJ_FAULT_RAMPS or SJ_FAULT_COASTS */
+    uint16_t code;          /* 603Fh and the first two bytes of an emergency */
+    uint8_t error_register; /* 1001h */
+    uint8_t reaction;       /* SJ_FAULT_RAMPS or SJ_FAULT_COASTS */
 } sj_drive_fault_row;
 
 /* _cia402.c */
@@ -32,11 +32,11 @@ int64_t sj_point_difference(const sj_drive *drive, int64_t to, int64_t from);
 void sj_point_move_increments(const sj_drive *drive, sj_drive_point *point, int64_t distance);
 int64_t sj_point_move_units(const sj_drive *drive, sj_drive_point *point, int64_t distance);
 void sj_point_set(const sj_drive *drive, sj_drive_point *point, int64_t increments, int64_t units);
-void sj_point_set_home(sj_drive *drive, int64_t increments);   /* these become 607Ch */
+void sj_point_set_home(sj_drive *drive, int64_t increments); /* these become 607Ch */
 
 /* _verdict.c */
-void sj_verdict_pause(sj_drive_verdict *verdict);               /* the stream is interrupted */
-void sj_verdict_judge(sj_drive *drive, int64_t step);           /* one target followed, pu */
+void sj_verdict_pause(sj_drive_verdict *verdict);     /* the stream is interrupted */
+void sj_verdict_judge(sj_drive *drive, int64_t step); /* one target followed, pu */
 
 /* _servo.c */
 void sj_servo_prepare(sj_servo_constants *constants, const sj_drive_config *config);
@@ -44,39 +44,68 @@ void sj_servo_period(sj_servo *servo, const sj_servo_constants *constants,
                      const sj_servo_command *command);
 
 /* _servo_simd.c */
-enum { SJ_SERVO_LANES = 8 };                                    /* motors at once */
+enum { SJ_SERVO_LANES = 8 }; /* motors at once */
 /* One period of as many servos, SJ_SERVO_LANES at most. */
 void sj_servo_periods(int32_t count, sj_drive *const *drives, const sj_servo_command *commands);
 
-/* _motion.c; those that follow return a fault or SJ_FAULT_NONE where they can */
+/* _limits.c */
+uint32_t sj_limit_inputs(const sj_drive *drive); /* 60FDh */
+/* Switches that are closed, bit 0 negative, 1 positive. */
+uint32_t sj_limit_switches(const sj_drive *drive);
+/* The same with the ends of 607Dh that are reached. */
+uint32_t sj_limit_ends(const sj_drive *drive);
+int sj_limit_blocks(uint32_t ends, double direction);
+/* A distance from a position, both as words, that keeps 607Dh. */
+int64_t sj_limit_distance(const sj_drive *drive, int64_t from, int64_t distance);
+
+/* _motion.c */
+double sj_motion_speed(const sj_drive *drive);
+void sj_motion_adopt_speed(sj_drive *drive);
 void sj_motion_adopt_actual(sj_drive *drive);
 void sj_motion_power_off(sj_drive *drive, sj_servo_command *command);
 void sj_motion_ramp(sj_drive *drive, sj_servo_command *command, double advance, double velocity);
 void sj_motion_ramp_to(sj_drive *drive, sj_servo_command *command, double goal,
                        double acceleration);
+/* J times the acceleration that changes the demand's velocity. */
+void sj_motion_feed_torque(const sj_drive *drive, sj_servo_command *command, double change);
+double sj_motion_possible(const sj_drive *drive, double velocity);
 void sj_motion_stop(sj_drive *drive, sj_servo_command *command, int32_t option);
-int64_t sj_motion_software_limited(sj_drive *drive, int64_t target);
-int32_t sj_motion_follow_position(sj_drive *drive, const sj_drive_rx *rx,
-                                  sj_servo_command *command);
-void sj_motion_follow_velocity(sj_drive *drive, const sj_drive_rx *rx, sj_servo_command *command);
-void sj_motion_follow_torque(sj_drive *drive, const sj_drive_rx *rx, sj_servo_command *command);
-uint32_t sj_motion_inputs(const sj_drive *drive);               /* 60FDh */
-int sj_motion_blocked(const sj_drive *drive, double direction); /* by a limit switch */
+/* A stop that ends at its own end, whatever comes meanwhile. */
+void sj_motion_begin_stop(sj_drive *drive, sj_servo_command *command, int32_t option);
+int sj_motion_stopping(sj_drive *drive,
+                       sj_servo_command *command);   /* it goes on; 0: there is none */
+int32_t sj_motion_limit_ramp(const sj_drive *drive); /* at a limit: that of 605Ah */
+
+/* _cyclic.c */
+/* Returns a fault or SJ_FAULT_NONE. */
+int32_t sj_cyclic_position(sj_drive *drive, const sj_drive_rx *rx, sj_servo_command *command);
+void sj_cyclic_velocity(sj_drive *drive, const sj_drive_rx *rx, sj_servo_command *command);
+void sj_cyclic_torque(sj_drive *drive, const sj_drive_rx *rx, sj_servo_command *command);
 
 /* _homing.c */
 void sj_homing_period(sj_drive *drive, sj_servo_command *command);
-uint16_t sj_homing_bits(const sj_drive *drive);                 /* statusword bits 10, 12, 13 */
+uint16_t sj_homing_bits(const sj_drive *drive); /* statusword bits 10, 12, 13 */
 
-/* _profile_modes.c */
-void sj_profile_drop(sj_drive *drive);                          /* the plan */
-void sj_profile_give_up(sj_drive *drive);                       /* the plan and its goals */
-void sj_profile_answer(sj_drive *drive, const sj_plan *plan);
-void sj_profile_position(sj_drive *drive, const sj_drive_rx *rx, sj_servo_command *command);
+/* _profile.c */
+void sj_profile_drop(sj_drive *drive);          /* the plan */
+void sj_profile_give_up(sj_drive *drive);       /* the plan and its goals */
+int sj_profile_planned(const sj_drive *drive);  /* a plan exists, or is asked for */
+int64_t sj_profile_left(const sj_drive *drive); /* from the demand to the set-point */
+void sj_profile_request(sj_drive *drive);
+void sj_profile_execute(sj_drive *drive, sj_servo_command *command);
+void sj_profile_answer(sj_drive *drive, const sj_plan *plan, int64_t turns);
+
+/* _profile_position.c */
+void sj_profile_offer(sj_drive *drive, const sj_drive_rx *rx); /* bits 4 and 12, in every period */
+void sj_profile_position(sj_drive *drive, sj_servo_command *command);
+int sj_profile_reached(const sj_drive *drive);
+
+/* _profile_velocity.c */
 void sj_profile_velocity(sj_drive *drive, const sj_drive_rx *rx, sj_servo_command *command);
-uint16_t sj_profile_bits(sj_drive *drive);                      /* statusword bits 10, 12, 13 */
+uint16_t sj_profile_velocity_bits(sj_drive *drive); /* statusword bits 10, 12 */
 
 /* _supervision.c */
-void sj_drive_raise(sj_drive *drive, int32_t fault);            /* transition 13 */
+void sj_drive_raise(sj_drive *drive, int32_t fault);                 /* transition 13 */
 int32_t sj_supervise_inputs(sj_drive *drive, const sj_drive_rx *rx); /* a fault or SJ_FAULT_NONE */
 void sj_supervise_following(sj_drive *drive, const sj_servo_command *command);
 void sj_supervise_standing(sj_drive *drive);
@@ -105,12 +134,6 @@ static inline double units_per_increment(const sj_drive *drive)
     return (double)drive->scale.units / (double)drive->scale.increments;
 }
 
-/* The speed limit, 6080h or 607Fh, in increments per period. */
-static inline double speed_limit(const sj_drive *drive)
-{
-    return (double)drive->scale.jump_limit / drive->config.jump_factor * increments_per_unit(drive);
-}
-
 /* Into -most .. most. */
 static inline double bounded(double value, double most)
 {
@@ -122,12 +145,6 @@ static inline int32_t quick_stop_ramp(const sj_drive_config *config)
 {
     return config->quick_stop_option > 4 ? config->quick_stop_option - 4
                                          : config->quick_stop_option;
-}
-
-/* 60F4h in pu, between the axis and its demand as they are inside the drive. */
-static inline int64_t following_error(const sj_drive *drive)
-{
-    return sj_point_difference(drive, drive->demand.point.units, drive->actual.units);
 }
 
 /* Polarity between the words and the motor. */
@@ -144,4 +161,17 @@ static inline int64_t add_wrapping(int64_t a, int64_t b)
 static inline int64_t subtract_wrapping(int64_t a, int64_t b)
 {
     return (int64_t)((uint64_t)a - (uint64_t)b);
+}
+
+/* 60F4h in pu, between the axis and its demand as they are inside the drive. */
+static inline int64_t following_error(const sj_drive *drive)
+{
+    return subtract_wrapping(drive->demand.point.travel, drive->actual.travel);
+}
+
+/* The demand as a word: polarity applied, within 607Bh. */
+static inline int64_t demand_word(const sj_drive *drive)
+{
+    return sj_point_wrap(drive,
+                         with_polarity(drive, drive->demand.point.units, SJ_POLARITY_POSITION));
 }

@@ -9,7 +9,7 @@ enum {
     SWITCH_ON = SHUTDOWN | SJ_CW_SWITCH_ON,
     ENABLE = SWITCH_ON | SJ_CW_ENABLE_OPERATION,
     STATE_BITS = SJ_SW_READY | SJ_SW_SWITCHED_ON | SJ_SW_OPERATION_ENABLED | SJ_SW_FAULT |
-                 SJ_SW_QUICK_STOP | SJ_SW_DISABLED
+        SJ_SW_QUICK_STOP | SJ_SW_DISABLED
 };
 
 static int is_in(uint16_t statusword, int32_t state)
@@ -27,10 +27,7 @@ static int follows(uint16_t statusword)
     return sj_master_enabled(statusword) && (statusword & SJ_SW_FOLLOWS) != 0;
 }
 
-int32_t sj_master_fault(uint16_t statusword)
-{
-    return (statusword & SJ_SW_FAULT) != 0;
-}
+int32_t sj_master_fault(uint16_t statusword) { return (statusword & SJ_SW_FAULT) != 0; }
 
 /* 81xxh: communication (8130h the link), 87xxh: synchronisation. */
 int32_t sj_master_lost(uint16_t error_code)
@@ -52,10 +49,13 @@ uint16_t sj_master_controlword(uint16_t statusword, int32_t enable, int32_t rese
     return SHUTDOWN;
 }
 
-int32_t sj_master_stopping(uint16_t statusword)
+int32_t sj_master_bridging(const sj_drive_tx *tx)
 {
-    return is_in(statusword, SJ_STATE_QUICK_STOP);
+    return sj_master_enabled(tx->statusword) && (tx->statusword & SJ_SW_LIMIT) == 0 &&
+           (tx->mode_display == SJ_MODE_CSP || tx->mode_display == SJ_MODE_NONE);
 }
+
+int32_t sj_master_stopping(uint16_t statusword) { return is_in(statusword, SJ_STATE_QUICK_STOP); }
 
 /* A master that does not map 6061h reads a zero: then the statusword has to do. */
 int32_t sj_master_follows_position(const sj_drive_tx *tx)

@@ -1,20 +1,40 @@
-/* The motions of a drive: ramps and stops by option code, limits, following in CSP, CSV and CST.
+/* The motions that every mode has: ramps, and stops by option code.
  *
- * Each makes one period of command for the servo from the demand at hand.
+ * Each makes one period of command for the servo from the demand at hand. A stop that has begun
+ * (`drive->stop`) ends at its own end, when its ramp has ended and the motor stands.
  * Never here: which of them a state allows, the motor's equations.
  */
-#include <stdint.h> /* fixed widths */
+#include <stdint.h>          /* fixed widths */
 #include "drive/_internal.h" /* what the files of the drive share */
 
-/* The demand becomes the actual position and speed: nothing jumps when the loop closes. */
-void sj_motion_adopt_actual(sj_drive *drive)
+/* A velocity the motor could have: what a wild target leaves behind stays finite. */
+double sj_motion_possible(const sj_drive *drive, double velocity)
+{
+    return bounded(velocity, drive->constants.speed_bound_rad_s * per_period(drive));
+}
+
+/* The motor's speed as a demand, increments per period; below standstill it is rest. */
+double sj_motion_speed(const sj_drive *drive)
 {
     const double speed = drive->servo.measured_rad_s;
     const double still = SJ_STANDSTILL * drive->config.max_speed_rpm * SJ_RPM;
 
+    return speed > still || speed < -still ? sj_motion_possible(drive, speed * per_period(drive))
+                                           : 0.0;
+}
+
+/* The demand becomes the actual position and speed. */
+void sj_motion_adopt_speed(sj_drive *drive)
+{
     drive->demand.point = drive->actual;
     drive->demand.fraction = 0.0;
-    drive->demand.velocity = speed > still || speed < -still ? speed * per_period(drive) : 0.0;
+    drive->demand.velocity = sj_motion_speed(drive);
+}
+
+/* Nothing jumps when the loop closes: the stream of demands begins anew. */
+void sj_motion_adopt_actual(sj_drive *drive)
+{
+    sj_motion_adopt_speed(drive);
     drive->counts.following = 0;
     drive->counts.window = 0;
     drive->following_error = 0;
@@ -28,14 +48,8 @@ void sj_motion_power_off(sj_drive *drive, sj_servo_command *command)
     sj_motion_adopt_actual(drive);
 }
 
-/* A velocity the motor could have: what a wild target leaves behind stays finite. */
-static double possible(const sj_drive *drive, double velocity)
-{
-    return bounded(velocity, drive->constants.speed_bound_rad_s * per_period(drive));
-}
-
 /* Torque feed-forward of a period: J times the acceleration that changes the demand's velocity. */
-static void feed_torque(const sj_drive *drive, sj_servo_command *command, double change)
+void sj_motion_feed_torque(const sj_drive *drive, sj_servo_command *command, double change)
 {
     const double speed = 1.0 / per_period(drive);
     command->torque_nm += drive->config.acceleration_feedforward * drive->constants.inertia_kg_m2 *
@@ -56,7 +70,7 @@ void sj_motion_ramp(sj_drive *drive, sj_servo_command *command, double advance, 
     command->advance = advance;
     command->velocity_start_rad_s = drive->demand.velocity * speed;
     command->velocity_end_rad_s = velocity * speed;
-    feed_torque(drive, command, velocity - drive->demand.velocity);
+    sj_motion_feed_torque(drive, command, velocity - drive->demand.velocity);
     sj_point_move_increments(drive, &drive->demand.point, whole);
     drive->demand.fraction = total - (double)whole;
     drive->demand.velocity = velocity;
@@ -93,10 +107,8 @@ static double deceleration(const sj_drive *drive, int32_t option, double torque)
     const double scale = increments_per_unit(drive) * config->period_s * config->period_s;
 
     switch (option) {
-    case 1:
-        return config->profile_deceleration * scale;
-    case 2:
-        return config->quick_stop_deceleration * scale;
+    case 1: return config->profile_deceleration * scale;
+    case 2: return config->quick_stop_deceleration * scale;
     default:
         torque *= drive->constants.inertia_inverse * drive->constants.increments_per_rad *
                   config->period_s * config->period_s;
@@ -116,168 +128,28 @@ void sj_motion_stop(sj_drive *drive, sj_servo_command *command, int32_t option)
     sj_motion_ramp_to(drive, command, 0.0, deceleration(drive, option, torque));
 }
 
-/* Limit switches, as 60FDh shows them: bit 0 negative, 1 positive, 2 home, 3 interlock. */
-uint32_t sj_motion_inputs(const sj_drive *drive)
+void sj_motion_begin_stop(sj_drive *drive, sj_servo_command *command, int32_t option)
 {
-    const sj_drive_config *config = &drive->config;
-    const double turns = (double)drive->servo.encoder * config->encoder_revolutions /
-                         config->encoder_increments;
-
-    return (config->switch_negative_rev > -1e9 && turns <= config->switch_negative_rev ? 1u : 0u) |
-           (config->switch_positive_rev < 1e9 && turns >= config->switch_positive_rev ? 2u : 0u) |
-           (config->switch_home_rev < 1e9 && turns >= config->switch_home_rev ? 4u : 0u) |
-           (has_cause(drive, SJ_FAULT_SAFE_TORQUE_OFF) ? 8u : 0u);
+    drive->stop = drive->demand.velocity != 0.0 || !drive->standing ? option : 0;
+    sj_motion_stop(drive, command, option);
 }
 
-int sj_motion_blocked(const sj_drive *drive, double direction)
+int sj_motion_stopping(sj_drive *drive, sj_servo_command *command)
 {
-    const uint32_t inputs = sj_motion_inputs(drive);
-    return (inputs & 1u && direction < 0.0) || (inputs & 2u && direction > 0.0);
-}
-
-/* 607Dh: the target is held inside; an axis that is outside may only come back. */
-int64_t sj_motion_software_limited(sj_drive *drive, int64_t target)
-{
-    const sj_drive_config *config = &drive->config;
-    const int64_t now =
-        sj_point_wrap(drive, with_polarity(drive, drive->demand.point.units, SJ_POLARITY_POSITION));
-    int64_t low = config->software_min;
-    int64_t high = config->software_max;
-
-    if (low == 0 && high == 0) {
-        return target;
-    }
-    low = now < low ? now : low;
-    high = now > high ? now : high;
-    if (target < low || target > high) {
-        drive->limited = 1;
-        return target < low ? low : high;
-    }
-    return target;
-}
-
-/* CSP: the target becomes the demand at the period's end. Returns a fault or SJ_FAULT_NONE. */
-int32_t sj_motion_follow_position(sj_drive *drive, const sj_drive_rx *rx, sj_servo_command *command)
-{
-    const sj_drive_config *config = &drive->config;
-    const double speed = 1.0 / per_period(drive);
-    const double before = drive->demand.velocity;
-    int64_t target = sj_point_wrap(drive, (int64_t)rx->target_position + rx->position_offset);
-    int64_t step = 0;
-    int64_t advance = 0;
-
-    if (rx->sync_missed) {
-        /* never back to the last target: on at the last velocity, and then a stop */
-        if ((uint32_t)drive->counts.missed_in_row > config->sync_extrapolation) {
-            sj_motion_stop(drive, command, 2);
-        } else {
-            sj_motion_ramp(drive, command, before, before);
-        }
-        sj_verdict_pause(&drive->verdict);
-        drive->follows = 0;
-        return SJ_FAULT_NONE;
-    }
-    target = sj_motion_software_limited(drive, target);
-    target = sj_point_wrap(drive, with_polarity(drive, target, SJ_POLARITY_POSITION));
-    step = sj_point_difference(drive, target, drive->demand.point.units);
-    if (sj_motion_blocked(drive, (double)step)) {
-        /* a limit switch: stop, and follow again only away from it */
-        drive->limited = 1;
-        sj_motion_stop(drive, command, quick_stop_ramp(config));
-        return SJ_FAULT_NONE;
-    }
-    if (drive->limited) {
-        sj_verdict_pause(&drive->verdict);
-    } else {
-        sj_verdict_judge(drive, step);
-        drive->warning |= drive->verdict.last_finding >= 0;
-    }
-    drive->follows = !drive->limited;
-    if (step > drive->scale.jump_limit || step < -drive->scale.jump_limit) {
-        if (config->jump_option == SJ_JUMP_FAULT) {
-            return SJ_FAULT_REFERENCE_LIMIT;
-        }
-        if (config->jump_option == SJ_JUMP_CLAMP) {
-            step = step > 0 ? drive->scale.jump_limit : -drive->scale.jump_limit;
-            drive->limited = 1;
-            drive->follows = 0;
-        }
-    }
-    command->control = SJ_SERVO_POSITION;
-    command->demand = drive->demand.point.increments;
-    command->fraction = drive->demand.fraction;
-    advance = sj_point_move_units(drive, &drive->demand.point, step);
-    command->advance = (double)advance - drive->demand.fraction;
-    drive->demand.fraction = 0.0;
-    drive->demand.velocity = possible(drive, command->advance);
-    command->velocity_start_rad_s = drive->demand.velocity * speed;
-    command->velocity_end_rad_s = command->velocity_start_rad_s;
-    feed_torque(drive, command, drive->demand.velocity - before);
-    return SJ_FAULT_NONE;
-}
-
-/* CSV and CST: the quick stop ramp where a limit switch blocks the direction, or SYNCs stay away. */
-static int interrupted(sj_drive *drive, sj_servo_command *command, double direction)
-{
-    if (!sj_motion_blocked(drive, direction) &&
-        (uint32_t)drive->counts.missed_in_row <= drive->config.sync_extrapolation) {
+    if (drive->stop == 0) {
         return 0;
     }
-    drive->limited |= (sj_motion_inputs(drive) & 3u) != 0;
-    drive->follows = 0;
-    sj_motion_ramp_to(drive, command, 0.0, deceleration(drive, 2, 0.0));
+    if (drive->demand.velocity == 0.0 && drive->standing) {
+        drive->stop = 0;
+        drive->resync = 1;
+        return 0;
+    }
+    sj_motion_stop(drive, command, drive->stop);
     return 1;
 }
 
-/* CSV: the velocity command goes to its target over the period; the demand is where the axis is. */
-void sj_motion_follow_velocity(sj_drive *drive, const sj_drive_rx *rx, sj_servo_command *command)
+int32_t sj_motion_limit_ramp(const sj_drive *drive)
 {
-    const double to_period = increments_per_unit(drive) * drive->config.period_s;
-    const double most = speed_limit(drive);
-    const double speed = 1.0 / per_period(drive);
-    double goal = drive->demand.velocity;
-
-    if (!rx->sync_missed) {
-        goal = (double)with_polarity(drive, (int64_t)rx->target_velocity + rx->velocity_offset,
-                              SJ_POLARITY_VELOCITY) * to_period;
-    }
-    drive->follows = !rx->sync_missed;
-    if (goal > most || goal < -most) {
-        goal = bounded(goal, most);
-        drive->limited = 1;
-        drive->follows = 0;
-    }
-    if (interrupted(drive, command, goal)) {
-        return;
-    }
-    command->control = SJ_SERVO_VELOCITY;
-    command->velocity_start_rad_s = drive->demand.velocity * speed;
-    command->velocity_end_rad_s = goal * speed;
-    command->velocity_offset_rad_s = 0.0;
-    feed_torque(drive, command, goal - drive->demand.velocity);
-    drive->demand.point = drive->actual;
-    drive->demand.fraction = 0.0;
-    drive->demand.velocity = goal;
-}
-
-/* CST: the torque command of the period; 60B2h is already in command->torque_nm. */
-void sj_motion_follow_torque(sj_drive *drive, const sj_drive_rx *rx, sj_servo_command *command)
-{
-    double torque = drive->demand.torque_nm;
-
-    if (!rx->sync_missed) {
-        torque = command->torque_nm + (double)with_polarity(drive, rx->target_torque, SJ_POLARITY_TORQUE) *
-                                          1e-3 * drive->config.rated_torque_nm;
-    }
-    drive->demand.point = drive->actual;
-    drive->demand.fraction = 0.0;
-    drive->demand.velocity = possible(drive, drive->servo.measured_rad_s * per_period(drive));
-    drive->follows = !rx->sync_missed;
-    if (interrupted(drive, command, torque)) {
-        return;
-    }
-    command->control = SJ_SERVO_TORQUE;
-    command->speed_max_rad_s /= SJ_SPEED_CLAMP;
-    command->torque_nm = torque;
-    drive->demand.torque_nm = torque;
+    const int32_t ramp = quick_stop_ramp(&drive->config);
+    return ramp == 0 ? 2 : ramp;
 }

@@ -3,30 +3,69 @@
  *
  * Never here: a decision; all that is said has happened.
  */
-#include <stdint.h> /* fixed widths */
+#include <stdint.h>          /* fixed widths */
 #include "drive/_internal.h" /* what the files of the drive share */
 
-/* Bit 10: CSP inside the position window for its time; halted: standing. */
+/* The axis is where it was to go: at a set-point of mode 1, at a target of CSP that stands. */
+static int arrived(const sj_drive *drive, int64_t *off)
+{
+    switch (drive->mode) {
+    case SJ_MODE_PROFILE_POSITION:
+        *off = subtract_wrapping(drive->goal.now.travel, drive->actual.travel);
+        return sj_profile_reached(drive);
+    case SJ_MODE_CSP:
+        *off = following_error(drive);
+        return drive->follows && drive->demand.velocity == 0.0;
+    default: return 0;
+    }
+}
+
+/* Bit 10: within 6067h of the target for 6068h; after a halt, or a quick stop that ends in its state:
+ * standing. */
 static int target_reached(sj_drive *drive)
 {
     const sj_drive_config *config = &drive->config;
-    const int64_t error = following_error(drive);
+    const int64_t window = config->position_window;
+    int64_t off = 0;
 
+    if (drive->state == SJ_STATE_QUICK_STOP) {
+        drive->counts.window = 0;
+        return config->quick_stop_option > 4 && drive->standing;
+    }
     if (drive->state != SJ_STATE_OPERATION_ENABLED) {
         drive->counts.window = 0;
         return 0;
     }
     if (drive->controlword & SJ_CW_HALT) {
+        drive->counts.window = 0;
         return drive->standing;
     }
-    if (drive->mode != SJ_MODE_CSP || !drive->follows ||
-        (config->position_window != UINT32_MAX &&
-         (error > config->position_window || error < -(int64_t)config->position_window))) {
+    if (!arrived(drive, &off) || (window != UINT32_MAX && (off > window || off < -window))) {
         drive->counts.window = 0;
         return 0;
     }
     drive->counts.window += drive->counts.window < UINT32_MAX;
     return drive->counts.window * config->period_s * 1e3 >= config->position_time_ms;
+}
+
+/* Bits 10, 12 and 13, which belong to the mode. */
+static uint16_t mode_bits(sj_drive *drive)
+{
+    const int enabled = drive->state == SJ_STATE_OPERATION_ENABLED;
+    uint16_t word = 0;
+
+    if (drive->mode == SJ_MODE_HOMING) {
+        return sj_homing_bits(drive);
+    }
+    word |= drive->following_error ? SJ_SW_FOLLOWING_ERROR : 0;
+    if (drive->mode == SJ_MODE_PROFILE_VELOCITY && enabled && !(drive->controlword & SJ_CW_HALT)) {
+        return word | sj_profile_velocity_bits(drive);
+    }
+    word |= target_reached(drive) ? SJ_SW_TARGET_REACHED : 0;
+    if (drive->mode == SJ_MODE_PROFILE_POSITION) {
+        return word | (enabled && drive->goal.acknowledged ? SJ_SW_FOLLOWS : 0);
+    }
+    return word | (enabled && drive->follows ? SJ_SW_FOLLOWS : 0);
 }
 
 static int32_t to_int32(double value)
@@ -59,26 +98,17 @@ void sj_report_words(sj_drive *drive, const sj_drive_rx *rx, sj_drive_tx *tx)
     const double per_mille = 1000.0 / config->rated_torque_nm;
     const double velocity_sign = config->polarity & SJ_POLARITY_VELOCITY ? -1.0 : 1.0;
     const double torque_sign = config->polarity & SJ_POLARITY_TORQUE ? -1.0 : 1.0;
-    const int following = drive->follows && drive->state == SJ_STATE_OPERATION_ENABLED;
     uint16_t word = sj_drive_state_bits(drive->state);
 
     word |= has_cause(drive, SJ_FAULT_UNDER_VOLTAGE) ? 0 : SJ_SW_VOLTAGE;
     word |= drive->warning ? SJ_SW_WARNING : 0;
     word |= rx->sync_missed ? 0 : SJ_SW_SYNC;
     word |= drive->local ? 0 : SJ_SW_REMOTE;
-    word |= drive->limited || servo->torque_limited || servo->speed_limited ? SJ_SW_LIMIT : 0;
-    if (drive->mode == SJ_MODE_HOMING) {
-        word |= sj_homing_bits(drive);
-    } else if ((drive->mode == SJ_MODE_PROFILE_POSITION ||
-                drive->mode == SJ_MODE_PROFILE_VELOCITY) &&
-               drive->state == SJ_STATE_OPERATION_ENABLED &&
-               !(drive->controlword & SJ_CW_HALT)) {
-        word |= sj_profile_bits(drive);
-    } else {
-        word |= target_reached(drive) ? SJ_SW_TARGET_REACHED : 0;
-        word |= following ? SJ_SW_FOLLOWS : 0;
-        word |= drive->following_error ? SJ_SW_FOLLOWING_ERROR : 0;
-    }
+    word |= drive->limited || servo->torque_limited || servo->speed_limited ||
+                    sj_limit_switches(drive) != 0
+                ? SJ_SW_LIMIT
+                : 0;
+    word |= mode_bits(drive);
 
     tx->statusword = word;
     tx->mode_display = (int8_t)drive->mode;
@@ -87,7 +117,7 @@ void sj_report_words(sj_drive *drive, const sj_drive_rx *rx, sj_drive_tx *tx)
     tx->position_actual = position_word(drive, drive->actual.units);
     tx->position_demand = position_word(drive, drive->demand.point.units);
     tx->following_error =
-        (int32_t)with_polarity(drive, following_error(drive), SJ_POLARITY_POSITION);
+        to_int32((double)with_polarity(drive, following_error(drive), SJ_POLARITY_POSITION));
     tx->velocity_actual = to_int32(velocity_sign * servo->measured_rad_s *
                                    drive->constants.increments_per_rad * to_units);
     tx->velocity_demand =
@@ -97,7 +127,7 @@ void sj_report_words(sj_drive *drive, const sj_drive_rx *rx, sj_drive_tx *tx)
     tx->current_actual = to_int16(servo->torque_nm * per_mille);
     tx->position_internal = (int32_t)(uint32_t)(uint64_t)drive->actual.increments;
     tx->demand_internal = (int32_t)(uint32_t)(uint64_t)drive->demand.point.increments;
-    tx->digital_inputs = sj_motion_inputs(drive);
+    tx->digital_inputs = sj_limit_inputs(drive);
     tx->dc_link_mv = has_cause(drive, SJ_FAULT_UNDER_VOLTAGE)  ? 0
                      : has_cause(drive, SJ_FAULT_OVER_VOLTAGE) ? 420000
                                                                : 325000;

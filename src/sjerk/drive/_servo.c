@@ -11,8 +11,8 @@
  * libm, and exact in every processor. _servo_simd.c does the same for several motors.
  * Never here: states, words, limits of the profile, clocks, memory.
  */
-#include <stdint.h> /* fixed widths */
-#include <math.h>   /* exp and ceil while preparing; nothing in the inner step */
+#include <stdint.h>          /* fixed widths */
+#include <math.h>            /* exp and ceil while preparing; nothing in the inner step */
 #include "drive/_internal.h" /* what the files of the drive share */
 
 void sj_servo_prepare(sj_servo_constants *c, const sj_drive_config *config)
@@ -94,8 +94,7 @@ void sj_servo_period(sj_servo *servo, const sj_servo_constants *c, const sj_serv
             double target = feed;
             if (control == SJ_SERVO_POSITION) {
                 const int64_t behind = (int64_t)((uint64_t)command->demand - (uint64_t)encoder);
-                const double error =
-                    (double)behind + command->fraction + command->advance * part;
+                const double error = (double)behind + command->fraction + command->advance * part;
                 target = c->position_gain * error + c->velocity_feedforward * feed +
                          command->velocity_offset_rad_s;
             }

@@ -7,23 +7,28 @@
  * Increments are whole doubles, exact up to 2^53.
  * Never here: a motor that sj_servo_period would treat otherwise.
  */
-#include <stdint.h> /* fixed widths */
+#include <stdint.h>          /* fixed widths */
 #include "drive/_internal.h" /* what the files of the drive share */
-#include "base/_simd.h" /* several motors at once */
+#include "base/_simd.h"      /* several motors at once */
 
 typedef struct {
-    double behind[SJ_SERVO_LANES], turned[SJ_SERVO_LANES];  /* increments: demand - encoder; of this period */
+    double behind[SJ_SERVO_LANES],
+        turned[SJ_SERVO_LANES]; /* increments: demand - encoder; of this period */
     double fraction[SJ_SERVO_LANES], w[SJ_SERVO_LANES], measured[SJ_SERVO_LANES];
     double torque[SJ_SERVO_LANES], integral[SJ_SERVO_LANES], asked[SJ_SERVO_LANES];
-    double torque_limits[SJ_SERVO_LANES], speed_limits[SJ_SERVO_LANES];   /* inner steps that they cut off */
+    double torque_limits[SJ_SERVO_LANES],
+        speed_limits[SJ_SERVO_LANES]; /* inner steps that they cut off */
     double demand_fraction[SJ_SERVO_LANES], advance[SJ_SERVO_LANES];
-    double start[SJ_SERVO_LANES], change[SJ_SERVO_LANES], offset[SJ_SERVO_LANES], feed_torque[SJ_SERVO_LANES];
+    double start[SJ_SERVO_LANES], change[SJ_SERVO_LANES], offset[SJ_SERVO_LANES],
+        feed_torque[SJ_SERVO_LANES];
     double torque_min[SJ_SERVO_LANES], torque_max[SJ_SERVO_LANES], speed_max[SJ_SERVO_LANES];
-    double steps_inverse[SJ_SERVO_LANES], step_s[SJ_SERVO_LANES], move[SJ_SERVO_LANES], measure[SJ_SERVO_LANES];
+    double steps_inverse[SJ_SERVO_LANES], step_s[SJ_SERVO_LANES], move[SJ_SERVO_LANES],
+        measure[SJ_SERVO_LANES];
     double position_gain[SJ_SERVO_LANES], feedforward[SJ_SERVO_LANES];
     double velocity_gain[SJ_SERVO_LANES], integral_gain[SJ_SERVO_LANES];
     double torque_gain[SJ_SERVO_LANES], filter_gain[SJ_SERVO_LANES];
-    double friction[SJ_SERVO_LANES], friction_speed[SJ_SERVO_LANES], viscous[SJ_SERVO_LANES], load[SJ_SERVO_LANES];
+    double friction[SJ_SERVO_LANES], friction_speed[SJ_SERVO_LANES], viscous[SJ_SERVO_LANES],
+        load[SJ_SERVO_LANES];
     double inertia_inverse[SJ_SERVO_LANES], bound[SJ_SERVO_LANES];
 } lanes;
 
@@ -32,7 +37,8 @@ static const double exact_increments = 0x1p50; /* far within 2^53, and within wh
 /* The next whole number below, or x itself. */
 static inline double down(double x)
 {
-    const double shift = 0x1.8p52; /* where neighbours are 1 apart: the sum rounds to a whole number */
+    const double shift =
+        0x1.8p52; /* where neighbours are 1 apart: the sum rounds to a whole number */
     const double near = (x + shift) - shift;
     return near - (near > x ? 1.0 : 0.0);
 }
@@ -44,7 +50,8 @@ static inline double within(double value, double low, double high)
     return least > high ? high : least;
 }
 
-static int runs_in_lane(const sj_servo *servo, const sj_servo_constants *c, const sj_servo_command *command)
+static int runs_in_lane(const sj_servo *servo, const sj_servo_constants *c,
+                        const sj_servo_command *command)
 {
     const double behind = (double)(int64_t)((uint64_t)command->demand - (uint64_t)servo->encoder);
     const double most = c->speed_bound_rad_s * (c->step_s * c->increments_per_rad) * c->steps;
@@ -55,7 +62,7 @@ static int runs_in_lane(const sj_servo *servo, const sj_servo_constants *c, cons
 }
 
 static void load_lane(lanes *m, int32_t i, const sj_servo *servo, const sj_servo_constants *c,
-                const sj_servo_command *command)
+                      const sj_servo_command *command)
 {
     m->behind[i] = (double)(int64_t)((uint64_t)command->demand - (uint64_t)servo->encoder);
     m->turned[i] = 0.0;
@@ -115,7 +122,8 @@ SIMD static void run_lanes(lanes *restrict m, int32_t steps)
             /* position loop with feed-forward */
             const double feed = m->start[i] + m->change[i] * part;
             const double lag = m->behind[i] + m->demand_fraction[i] + m->advance[i] * part;
-            const double target = m->position_gain[i] * lag + m->feedforward[i] * feed + m->offset[i];
+            const double target =
+                m->position_gain[i] * lag + m->feedforward[i] * feed + m->offset[i];
             /* velocity loop: PI, integral held while the torque limit cuts it off */
             const double wanted = within(target, -m->speed_max[i], m->speed_max[i]);
             const double error = wanted - m->measured[i];
@@ -130,9 +138,10 @@ SIMD static void run_lanes(lanes *restrict m, int32_t steps)
             const double before = m->w[i];
             const double speed = before < 0.0 ? -before : before;
             const double friction = m->friction[i] * before / (speed + m->friction_speed[i]);
-            const double w = within(before + (torque - friction - m->viscous[i] * before -
-                                              m->load[i]) * m->inertia_inverse[i] * m->step_s[i],
-                                    -m->bound[i], m->bound[i]);
+            const double w =
+                within(before + (torque - friction - m->viscous[i] * before - m->load[i]) *
+                                    m->inertia_inverse[i] * m->step_s[i],
+                       -m->bound[i], m->bound[i]);
             /* encoder: whole increments, the rest stays in the fraction */
             const double place = m->fraction[i] + w * m->move[i];
             const double whole = down(place);

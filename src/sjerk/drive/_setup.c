@@ -2,7 +2,8 @@
  *
  * Never here: the range of a setting (_config.c), the motion of a period.
  */
-#include <stdint.h> /* fixed widths */
+#include <math.h>            /* ceil */
+#include <stdint.h>          /* fixed widths */
 #include "drive/_internal.h" /* what the files of the drive share */
 
 static void prepare(sj_drive *drive)
@@ -13,13 +14,17 @@ static void prepare(sj_drive *drive)
 
     sj_servo_prepare(&drive->constants, config);
     (void)sj_drive_ratio(config, &drive->scale.units, &drive->scale.increments);
-    drive->scale.range = (int64_t)config->range_max - config->range_min + 1;
+    drive->scale.range_min = config->range_min < config->range_max ? config->range_min : INT32_MIN;
+    drive->scale.range = config->range_min < config->range_max
+                             ? (int64_t)config->range_max - config->range_min + 1
+                             : (int64_t)1 << 32;
     /* jump limit = speed x period x factor; the speed in pu/s by 6080h, or less by 607Fh */
     speed = config->max_speed_rpm / 60.0 * config->encoder_increments /
             config->encoder_revolutions * (double)drive->scale.units /
             (double)drive->scale.increments;
     speed = speed < config->max_profile_velocity ? speed : config->max_profile_velocity;
-    limit = speed * config->period_s * config->jump_factor;
+    drive->scale.speed_limit = speed * config->period_s * increments_per_unit(drive);
+    limit = ceil(speed * config->period_s * config->jump_factor);
     drive->scale.jump_limit = limit < 4294967296.0 ? (int64_t)limit : (int64_t)1 << 32;
 }
 
@@ -48,6 +53,8 @@ void sj_drive_rescale(sj_drive *drive)
     drive->actual.increments = increments;
     drive->demand.point = drive->actual;
     drive->demand.fraction = 0.0;
+    drive->goal = (sj_drive_goal){.plan_phase = -1};
+    drive->demand.acceleration = 0.0;
     drive->resync = 1;
     drive->homing.homed = 0;
     sj_verdict_pause(&drive->verdict);

@@ -4,7 +4,7 @@
  * 6066h) and standstill last.
  * Never here: the reaction to a fault (the state machine, and the motion of its state), words.
  */
-#include <stdint.h> /* fixed widths */
+#include <stdint.h>          /* fixed widths */
 #include "drive/_internal.h" /* what the files of the drive share */
 
 void sj_drive_inject(sj_drive *drive, int32_t fault, int32_t present)
@@ -64,8 +64,8 @@ int32_t sj_supervise_inputs(sj_drive *drive, const sj_drive_rx *rx)
 
     for (int32_t fault = 1; fault < SJ_FAULTS && drive->causes != 0; fault++) {
         /* without power a disabled drive just stays disabled; a lost link acts by 6007h */
-        const int waits = (fault == SJ_FAULT_SAFE_TORQUE_OFF || fault == SJ_FAULT_UNDER_VOLTAGE) &&
-                          !powered;
+        const int waits =
+            (fault == SJ_FAULT_SAFE_TORQUE_OFF || fault == SJ_FAULT_UNDER_VOLTAGE) && !powered;
         const int by_option = fault == SJ_FAULT_LOST_LINK && drive->config.abort_option != 1;
         if (has_cause(drive, fault) && !waits && !by_option) {
             return fault;
@@ -83,11 +83,11 @@ void sj_supervise_following(sj_drive *drive, const sj_servo_command *command)
     const sj_drive_config *config = &drive->config;
     const int64_t error = following_error(drive);
     const int64_t size = error < 0 ? -error : error;
-    const int supervised = drive->state == SJ_STATE_OPERATION_ENABLED &&
-                           command->control == SJ_SERVO_POSITION;
+    const int supervised =
+        drive->state == SJ_STATE_OPERATION_ENABLED && command->control == SJ_SERVO_POSITION;
 
     if (supervised && drive->follows && size > drive->verdict.following_max) {
-        drive->verdict.following_max = (uint32_t)size;
+        drive->verdict.following_max = size < UINT32_MAX ? (uint32_t)size : UINT32_MAX;
     }
     if (!supervised || config->following_window == UINT32_MAX || size <= config->following_window) {
         drive->counts.following = 0;

@@ -2,10 +2,11 @@
  *
  * Invariant of a point, apart from wraps of both:
  *     increments * scale.units + scale.increments / 2 = units * scale.increments + remainder
- * so nothing drifts, whatever the gear.
+ * so nothing drifts, whatever the gear. The words of the master know the units within the range of
+ * 607Bh; `travel` counts the same units without a wrap, so that a way has a direction and a length.
  * Never here: motions, words, states.
  */
-#include <stdint.h> /* fixed widths */
+#include <stdint.h>          /* fixed widths */
 #include "drive/_internal.h" /* what the files of the drive share */
 
 /* Into the range of 607Bh; the full range is the plain wrap of INT32. */
@@ -14,8 +15,8 @@ int64_t sj_point_wrap(const sj_drive *drive, int64_t units)
     if (drive->scale.range == (int64_t)1 << 32) {
         return (int32_t)(uint32_t)(uint64_t)units;
     }
-    const int64_t above = (units - drive->config.range_min) % drive->scale.range;
-    return drive->config.range_min + (above < 0 ? above + drive->scale.range : above);
+    const int64_t above = (units - drive->scale.range_min) % drive->scale.range;
+    return drive->scale.range_min + (above < 0 ? above + drive->scale.range : above);
 }
 
 /* The short distance from one position to another, around the wrap if that is shorter. */
@@ -43,6 +44,7 @@ void sj_point_move_increments(const sj_drive *drive, sj_drive_point *point, int6
     point->increments = add_wrapping(point->increments, distance);
     point->remainder = share - units * drive->scale.increments;
     point->units = sj_point_wrap(drive, point->units + units);
+    point->travel = add_wrapping(point->travel, units);
 }
 
 /* The units are met exactly, the increments to the nearest; returns the distance in increments. */
@@ -50,12 +52,12 @@ int64_t sj_point_move_units(const sj_drive *drive, sj_drive_point *point, int64_
 {
     const int64_t wanted =
         distance * drive->scale.increments - (point->remainder - drive->scale.increments / 2);
-    const int64_t increments =
-        floor_div(wanted + drive->scale.units / 2, drive->scale.units);
+    const int64_t increments = floor_div(wanted + drive->scale.units / 2, drive->scale.units);
 
     point->remainder += increments * drive->scale.units - distance * drive->scale.increments;
     point->increments = add_wrapping(point->increments, increments);
     point->units = sj_point_wrap(drive, point->units + distance);
+    point->travel = add_wrapping(point->travel, distance);
     return increments;
 }
 
@@ -63,6 +65,7 @@ void sj_point_set(const sj_drive *drive, sj_drive_point *point, int64_t incremen
 {
     point->increments = increments;
     point->units = sj_point_wrap(drive, units);
+    point->travel = units;
     point->remainder = drive->scale.increments / 2;
 }
 

@@ -8,13 +8,12 @@
  *     velocity = (|step| - 1) / T,  acceleration = (|change| - 2) / T^2,  jerk = (|bend| - 4) / T^3
  * Never here: a reaction. The drive judges, the state machine acts.
  */
-#include <stdint.h> /* fixed widths */
+#include <stdint.h>          /* fixed widths */
 #include "drive/_internal.h" /* what the files of the drive share */
 
-static double magnitude(double value)
-{
-    return value < 0.0 ? -value : value;
-}
+static const double PERIOD_TOLERANCE = 0.25; /* of 60C2h: masters of no real time are late */
+
+static double magnitude(double value) { return value < 0.0 ? -value : value; }
 
 /* |difference| without what rounding of the targets can have added. */
 static double certain(double difference, double bound)
@@ -35,10 +34,7 @@ void sj_verdict_clear(sj_drive_verdict *verdict)
     *verdict = (sj_drive_verdict){.last_finding = -1};
 }
 
-void sj_verdict_pause(sj_drive_verdict *verdict)
-{
-    verdict->history = 0;
-}
+void sj_verdict_pause(sj_drive_verdict *verdict) { verdict->history = 0; }
 
 static void note(sj_drive *drive, int32_t finding)
 {
@@ -51,6 +47,16 @@ static void note(sj_drive *drive, int32_t finding)
         verdict->counts[finding]++;
     }
     verdict->last_finding = finding;
+}
+
+void sj_verdict_period(sj_drive *drive, double seen_s)
+{
+    const double off = magnitude(seen_s - drive->config.period_s);
+
+    if (off > PERIOD_TOLERANCE * drive->config.period_s) {
+        note(drive, SJ_FINDING_PERIOD);
+        drive->warning = 1;
+    }
 }
 
 void sj_verdict_judge(sj_drive *drive, int64_t raw_step)
@@ -70,8 +76,8 @@ void sj_verdict_judge(sj_drive *drive, int64_t raw_step)
     const double velocity = certain(step, 1.0) * to_velocity;
     const double acceleration = certain(change, 2.0) * to_acceleration;
     const double jerk = certain(bend, 4.0) * to_jerk;
-    double acceleration_max = drive->constants.inertia_inverse * config->peak_torque_nm *
-                              (1.0 / SJ_TWO_PI);
+    double acceleration_max =
+        drive->constants.inertia_inverse * config->peak_torque_nm * (1.0 / SJ_TWO_PI);
     const int braking = change * verdict->last_step < 0.0;
     const uint32_t object = braking ? config->max_deceleration : config->max_acceleration;
     const double object_max = (double)object * revolution;

@@ -169,7 +169,7 @@ class DriveConfig:
     following_window: int = 16777216  # 6065h
     following_time_ms: int = 0  # 6066h
     position_window: int = 10  # 6067h
-    position_time_ms: int = 0  # 6068h
+    position_time_ms: int = 100  # 6068h
     velocity_window: int = 65535  # 606Dh
     velocity_time_ms: int = 0  # 606Eh
     velocity_threshold: int = 65535  # 606Fh
@@ -194,6 +194,7 @@ class DriveConfig:
     positioning_option: int = 0  # 60F2h
     sync_extrapolation: int = 3  # 2100h:3
     sync_error_limit: int = 12  # 10F1h:2
+    software_from_home: int = 0  # 2100h:8
     home_offset: int = 0  # 607Ch
     homing_method: int = 37  # 6098h
     homing_speed_switch: int = 16777216  # 6099h:1

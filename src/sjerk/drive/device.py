@@ -34,6 +34,11 @@ Value = int | float | str
 SAVE, LOAD = 0x65766173, 0x64616F6C
 """Signatures of 1010h:1 and 1011h:1."""
 
+_COMMUNICATION = 0x11
+"""Bits 0 and 4 of 1001h: generic, communication."""
+_RESERVED_BIT = 0x40000000
+"""Bit 30 of 1005h would make the drive the producer of SYNC, that of 1014h is reserved."""
+
 _ENABLED = (
     DriveState.OPERATION_ENABLED,
     DriveState.QUICK_STOP_ACTIVE,
@@ -71,6 +76,7 @@ class Device:
         self._values: dict[tuple[int, int], Value] = {}
         self._plans: dict[tuple[int, bool], tuple[list[ObjectEntry | int], struct.Struct]] = {}
         self._errors: list[int] = []
+        self._communication_error = False
         self._rx: dict[str, int] = {}
         self._target_written = False
         self.feedback: DriveFeedback
@@ -141,9 +147,7 @@ class Device:
             self.drive.configure(**{field: value})
         except DriveConfigError as error:
             abort = Abort.RANGE
-            if row.index in (0x607B, 0x607D):
-                abort = Abort.MAX_BELOW_MIN
-            elif not error.field.endswith(("_option", "_method")) and error.field == field:
+            if not error.field.endswith(("_option", "_method")) and error.field == field:
                 abort = Abort.TOO_HIGH if value > error.high else abort
                 abort = Abort.TOO_LOW if value < error.low else abort
             raise SdoError(abort, row.index, row.sub) from error
@@ -218,6 +222,15 @@ class Device:
         )
         self._plans.clear()
 
+    def report_error(self, code: int) -> None:
+        """An error event of the communication: into 1003h, and 1001h shows it until it is over."""
+        self._errors = [code, *self._errors][:8]
+        self._communication_error = True
+
+    def end_errors(self) -> None:
+        """No error of the communication is left."""
+        self._communication_error = False
+
     # ---- inside ----
 
     def _power_on(self) -> dict[tuple[int, int], Value]:
@@ -233,6 +246,7 @@ class Device:
         self._values = self._power_on()
         self._plans = {}
         self._errors = []
+        self._communication_error = False
         self._target_written = False
         self._rx = dict.fromkeys(
             (
@@ -257,6 +271,9 @@ class Device:
 
     def _bind(self) -> None:
         get, put = self._getters, self._setters
+        get[0x1001, 0] = lambda: (
+            self.feedback.error_register | (_COMMUNICATION if self._communication_error else 0)
+        )
         for sub in range(9):
             get[0x1003, sub] = lambda sub=sub: (  # type: ignore[misc]
                 len(self._errors) if sub == 0 else (self._errors + [0] * 8)[sub - 1]
@@ -343,7 +360,7 @@ class Device:
             return
 
     def _set_identifier(self, row: ObjectEntry, value: int) -> None:
-        if _reserved(value) or value & 0x1FFFF800:
+        if _reserved(value) or value & (0x3FFFF800 | _RESERVED_BIT):
             raise SdoError(Abort.RANGE, row.index, row.sub)
         self._values[row.index, row.sub] = value
 

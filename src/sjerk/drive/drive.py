@@ -32,6 +32,8 @@ class Finding(enum.IntEnum):
     """The velocity was beyond its limit."""
     JERK = 6
     """The jerk was beyond its limit."""
+    PERIOD = 7
+    """SYNC does not come in the period of 60C2h: the targets are interpolated over a wrong time."""
 
 
 class DriveFeedback(NamedTuple):
@@ -259,6 +261,10 @@ class Drive:
         if fault > DriveFault.LOST_LINK:
             raise ValueError(f"fault = {fault.name} comes from the motion, it cannot be injected")
         lib.sj_drive_inject(self._c, fault, present)
+
+    def see_period(self, seconds: float) -> None:
+        """SYNC was seen to come in this period; unlike 60C2h it is a warning and a finding."""
+        lib.sj_verdict_period(self._c, seconds)
 
     def report(self) -> Report:
         """The verdict on the targets since power-up or `clear_report`."""

@@ -229,7 +229,7 @@ def _pdo(number: int, receive: bool) -> Iterator[Object]:
     cob = base | (0 if number == 0 else DISABLED) | (0 if receive else NO_RTR)
     rows: list[Row] = [
         ("COB-ID", U32, "rw", "", cob, "", "special"),
-        ("Transmission type", U8, "rw", "", 1, "", "special"),
+        ("Transmission type", U8, "rw", "", 255, "", "special"),
     ]
     if not receive:
         rows += [
@@ -263,7 +263,7 @@ def _pdo(number: int, receive: bool) -> Iterator[Object]:
 
 _COMMUNICATION: tuple[Object, ...] = (
     _var(0x1000, "Device type", U32, "ro", "", 0x00020192),
-    _var(0x1001, "Error register", U8, "ro", "T", 0, "", "tx.error_register"),
+    _var(0x1001, "Error register", U8, "ro", "T", 0, "", "special"),
     _many(
         0x1003,
         "Pre-defined error field",
@@ -315,6 +315,9 @@ _MAKER: tuple[Object, ...] = (
            "config.stream_acceleration_rev_s2"),
           ("Jerk limit, 0 = none", REAL, "rw", "", 0.0, "rev/s^3", "config.stream_jerk_rev_s3"),
           ("Jerk of profiles", REAL, "rw", "", 10000.0, "rev/s^3", "config.profile_jerk_rev_s3"),
+          ("Silence that is a missed SYNC where 1006h = 0", U16, "rw", "", 500, "ms", ""),
+          ("607Dh counts: 0 as 607Ah, 1 less 607Ch", U8, "rw", "", 0, "",
+           "config.software_from_home"),
           code=9),
     _many(0x2101, "Verdict on the targets",
           ("Write 0: begin again; targets judged", U32, "rw", "T", 0, "", "special"),
@@ -329,7 +332,8 @@ _MAKER: tuple[Object, ...] = (
           ("Steps in velocity", U32, "ro", "T", 0, "", "finding.STEP"),
           ("Acceleration beyond limit", U32, "ro", "T", 0, "", "finding.ACCELERATION"),
           ("Velocity beyond limit", U32, "ro", "T", 0, "", "finding.VELOCITY"),
-          ("Jerk beyond limit", U32, "ro", "T", 0, "", "finding.JERK"), code=9),
+          ("Jerk beyond limit", U32, "ro", "T", 0, "", "finding.JERK"),
+          ("SYNC unlike 60C2h", U32, "ro", "T", 0, "", "finding.PERIOD"), code=9),
 )
 
 _PROFILE: tuple[Object, ...] = (
@@ -350,7 +354,7 @@ _PROFILE: tuple[Object, ...] = (
     _var(0x6065, "Following error window", U32, "rw", "", 1 << 24, "pu", "config.following_window"),
     _var(0x6066, "Following error time out", U16, "rw", "", 0, "ms", "config.following_time_ms"),
     _var(0x6067, "Position window", U32, "rw", "", 10, "pu", "config.position_window"),
-    _var(0x6068, "Position window time", U16, "rw", "", 0, "ms", "config.position_time_ms"),
+    _var(0x6068, "Position window time", U16, "rw", "", 100, "ms", "config.position_time_ms"),
     _var(0x606B, "Velocity demand value", I32, "ro", "T", 0, "pu/s", "tx.velocity_demand"),
     _var(0x606C, "Velocity actual value", I32, "ro", "T", 0, "pu/s", "tx.velocity_actual"),
     _var(0x606D, "Velocity window", U16, "rw", "", 65535, "pu/s", "config.velocity_window"),

@@ -36,6 +36,8 @@ class ControlWord(enum.IntFlag):
     """Bit 7 resets a fault by its rising edge."""
     HALT = 0x0100
     """Bit 8 halts the axis by 605Dh."""
+    MODE_9 = 0x0200
+    """Bit 9 belongs to the mode: change on set-point."""
 
 
 class StatusWord(enum.IntFlag):

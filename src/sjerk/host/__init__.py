@@ -1,8 +1,8 @@
 """Commands to a kernel and what comes back: the host, its motions, feedback, events."""
 
 from sjerk.host.arguments import BUFFERS, Axes, Buffer, Direction, Target
-from sjerk.host.events import Event, EventKind
-from sjerk.host.feedback import AxisFeedback, Feedback, PathFeedback, PathState
+from sjerk.host.events import Event, EventKind, StopKind
+from sjerk.host.feedback import AxisFeedback, Feedback, KernelState, PathFeedback, PathState
 from sjerk.host.host import Host
 from sjerk.host.monitor import Monitor
 from sjerk.host.move import Move, MoveState
@@ -24,6 +24,7 @@ __all__ = [
     "Feedback",
     "Grant",
     "Host",
+    "KernelState",
     "Monitor",
     "Move",
     "MoveState",
@@ -31,6 +32,7 @@ __all__ = [
     "PathFeedback",
     "PathState",
     "Progress",
+    "StopKind",
     "Target",
     "Timing",
 ]

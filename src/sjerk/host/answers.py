@@ -30,6 +30,8 @@ REASONS = {
     lib.SJ_RESULT_SEGMENT: "a segment is not valid, or does not continue the one before",
     lib.SJ_RESULT_BEGUN: "what it is to replace has begun, or its path is over",
 }
+#: ``code`` of a fault of the homing itself, of which the drive has no error code.
+HOMING_FAILED = -1
 _KEPT = 4096  # answers of each kind
 
 
@@ -48,6 +50,7 @@ class Answers:
         self._results: dict[int, tuple[int, int]] = {}
         self._reached: dict[int, int] = {}  # the cycle in which a goal was reached
         self._path_states: dict[int, int] = {}
+        self._unhomed: dict[int, int] = {}  # the axis whose homing failed
 
     def _look(self) -> None:
         with self._lock:
@@ -58,6 +61,8 @@ class Answers:
                     table, answer = self._results, (event.code, event.axis)
                 elif event.kind == EventKind.PATH:
                     table, answer = self._path_states, event.code
+                elif event.kind == EventKind.FAULT and event.code == HOMING_FAILED:
+                    table, answer = self._unhomed, event.axis
                 elif event.kind == EventKind.REACHED:
                     table, answer = self._reached, event.cycle
                 else:
@@ -76,6 +81,11 @@ class Answers:
         """Whether all axes of the goal have been on it."""
         self._look()
         return goal_id in self._reached
+
+    def unhomed(self, goal_id: int) -> int | None:
+        """The axis whose homing failed, of a goal that homes; None: of none so far."""
+        self._look()
+        return self._unhomed.get(goal_id)
 
     def path_state(self, goal_id: int) -> PathState:
         """The last state of a path that an event reported; SENT for none."""

@@ -28,6 +28,14 @@ class EventKind(IntEnum):
     PATH = lib.SJ_EVENT_PATH  #: The state of a path has changed.
     REACHED = lib.SJ_EVENT_REACHED  #: All axes of a goal are on it, to the last bit.
     SYNC = lib.SJ_EVENT_SYNC  #: The link to a drive is lost, or its process data are stale.
+    STOP = lib.SJ_EVENT_STOP  #: Another process than the host has asked for a stop.
+
+
+class StopKind(IntEnum):
+    """How axes were asked to stop."""
+
+    HALT = lib.SJ_REACT_HALT  #: All axes of a move together, within the limits of the move.
+    QUICK_STOP = lib.SJ_REACT_QUICK_STOP  #: Each axis by its own stop limits.
 
 
 @dataclass(frozen=True)
@@ -36,9 +44,10 @@ class Event:
 
     ``axis`` is None for all. ``code``: of a goal or of limits the ``enum sj_result``, of a state
     the new ``AxisState``, of a path the new ``PathState``, of a fault the drive's 603Fh (-1: homing
-    failed). ``value``: the state before, the way-point ahead, the following error (axis unit), or
-    how many cycles were late. REACHED: in the frame ``cycle`` all axes of ``goal_id`` are on their
-    goals, to the last bit.
+    failed), of a stop the ``StopKind``. ``value``: the state before, the way-point ahead, the
+    following error (axis unit), how many cycles were late, or of a stop the process (0: not known,
+    more than 32 processes stop this kernel). REACHED: in the frame ``cycle`` all axes of
+    ``goal_id`` are on their goals, to the last bit.
 
     >>> print(Event.of(7, EventKind.PATH, -1, PathState.DONE, 3.0, 12))
     cycle 7: PATH DONE 3
@@ -58,7 +67,15 @@ class Event:
             what = AxisState(self.code).name
         elif self.kind is EventKind.PATH:
             what = PathState(self.code).name
+        elif self.kind is EventKind.STOP:
+            who = "unknown" if self.pid is None else self.pid
+            return f"cycle {self.cycle}{where}: STOP {StopKind(self.code).name} by process {who}"
         return f"cycle {self.cycle}{where}: {self.kind.name} {what} {self.value:g}"
+
+    @property
+    def pid(self) -> int | None:
+        """Of a stop: the process that asked for it; None where it is not known, and of others."""
+        return int(self.value) if self.kind is EventKind.STOP and self.value else None
 
     @classmethod
     def of(cls, cycle: int, kind: int, axis: int, code: int, value: float, goal_id: int) -> Event:

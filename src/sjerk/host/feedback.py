@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from enum import IntEnum
+from enum import Enum, IntEnum
 from typing import Any
 
 from sjerk._binding import ffi, lib
@@ -106,11 +106,24 @@ class AxisFeedback:
         return DriveState.of(self.statusword)
 
 
-class Feedback:
-    """One frame of the kernel's feedback: all axes in the same cycle."""
+class KernelState(Enum):
+    """Whether a kernel works, as seen from outside."""
 
-    def __init__(self, frame: Any, cycle_time: float) -> None:
+    RUNNING = "running"  #: Its cycles go on.
+    SUSPENDED = "suspended"  #: Its process is there, but its cycles have stopped to come.
+    GONE = "gone"  #: Its process has ended.
+
+
+class Feedback:
+    """One frame of the kernel's feedback: all axes in the same cycle.
+
+    ``age``: seconds from the begin of its cycle to its reading; None in a caller's own loop, which
+    has no time. ``time_ns``: that begin, CLOCK_MONOTONIC.
+    """
+
+    def __init__(self, frame: Any, cycle_time: float, age: float | None = None) -> None:
         """Not for callers: ``Host.feedback`` makes it from a private copy of the frame."""
+        self.age = age
         self._frame = frame
         self.cycle_time = cycle_time
         self.cycle = int(frame.cycle)

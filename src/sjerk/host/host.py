@@ -69,11 +69,13 @@ class Host(Observer):
         cycle_time: float | None = None,
         *,
         wait: float = 0.0,
+        any_owner: bool = False,
     ) -> Self:
         """Become the host of the running kernel ``name`` from another process.
 
         ``limits`` (one per axis) and ``cycle_time`` (s): what the caller takes for granted; the
         kernel reports both. ``wait``: seconds to wait for a host that is about to leave.
+        ``any_owner``: also of a kernel of another user, who let a group in.
         Raises HandshakeError: no such kernel, another number of axes, another version, or a living
         host; InputError: another cycle time.
         """
@@ -85,7 +87,8 @@ class Host(Observer):
         end = time.monotonic() + wait
         while True:
             try:
-                link = Link(Segment.attach(name, expected, role="host"), clocked=True)
+                segment = Segment.attach(name, expected, role="host", any_owner=any_owner)
+                link = Link(segment, clocked=True)
                 break
             except HostTakenError:
                 if time.monotonic() > end:
@@ -358,7 +361,10 @@ class Host(Observer):
     def home(self, *, axes: Axes = None) -> Move:
         """Let drives home by their own method (6098h); the frame shifts without a step.
 
-        The handle is done when the drive has attained its home and follows again.
+        The handle is done when the drives have attained their homes and follow again, so that the
+        next goal is taken; queued moves begin then. Where one fails, its axis is in ErrorStop until
+        ``reset``, the others of this order stop, the rest react as to a drive fault
+        (``Reactions.drive_fault``), and ``Move.wait`` raises MotionStoppedError with ``unhomed``.
         """
         chosen = axis_numbers(axes, self.axis_count)
         targets = {i: State(0.0) for i in chosen}

@@ -1,7 +1,7 @@
 """What can be seen of a running kernel, by a monitor or by a host.
 
-``Monitor`` reads only: it takes no lock, so there may be as many as are wanted. Never here:
-commands, how the memory is read.
+``Monitor`` reads, and can stop: it is never in the way of the host, so there may be as many as are
+wanted. Never here: commands that move, how the memory is read.
 """
 
 from __future__ import annotations
@@ -9,9 +9,11 @@ from __future__ import annotations
 from typing import Self
 
 from sjerk.handshake import Segment
-from sjerk.host.events import Event
-from sjerk.host.feedback import Feedback
+from sjerk.host.arguments import Axes
+from sjerk.host.events import Event, StopKind
+from sjerk.host.feedback import Feedback, KernelState
 from sjerk.host.reader import EventCursor, FrameReader
+from sjerk.host.stop_requests import StopRequests
 
 
 class Observer:
@@ -47,6 +49,20 @@ class Observer:
         """Whether the process of the kernel is there; always True in a caller's own loop."""
         return self._reader.kernel_lives
 
+    @property
+    def kernel_state(self) -> KernelState:
+        """Whether its cycles go on: a process that is there may be suspended, or have no processor.
+
+        It counts as suspended where its newest frame is older than 0.1 s and ten cycles.
+        """
+        if not self._reader.kernel_lives:
+            return KernelState.GONE
+        frame = self._reader.frame()
+        age = self._reader.age(frame)
+        if age is not None and age > 0.1 + 10.0 * frame.cycle_time_s:
+            return KernelState.SUSPENDED
+        return KernelState.RUNNING
+
     def feedback(self) -> Feedback:
         """Return the newest feedback: every axis in the same cycle.
 
@@ -54,7 +70,7 @@ class Observer:
         """
         self._reader.check_kernel("reading feedback")
         copy = self._reader.copy()
-        return Feedback(copy, copy.cycle_time_s)
+        return Feedback(copy, copy.cycle_time_s, self._reader.age(copy))
 
     def events(self) -> tuple[list[Event], int]:
         """Events since the last call, oldest first, and how many were overwritten unread."""
@@ -67,7 +83,9 @@ class Observer:
 
 
 class Monitor(Observer):
-    """Reads a running kernel of another process: no lock, no command, as many as there are.
+    """Reads a running kernel of another process, and can stop it; as many as there are.
+
+    Its pages are mapped for reading only until the first stop.
 
     >>> from sjerk import Axis, Limits, MotionKernel
     >>> axis = Axis(Limits(90.0, 500.0, 5000.0), 2**24 / 360)
@@ -77,11 +95,53 @@ class Monitor(Observer):
     """
 
     @classmethod
-    def attach(cls, name: str) -> Self:
-        """Read the running kernel ``name``.
+    def attach(cls, name: str, *, any_owner: bool = False) -> Self:
+        """Read the running kernel ``name``; ``any_owner``: also one of another user.
 
-        Raises HandshakeError: no such kernel, another version.
+        Raises HandshakeError: no such kernel, another version, another user's.
         """
-        reader = FrameReader(Segment.attach(name, role="monitor"))
+        reader = FrameReader(Segment.attach(name, role="monitor", any_owner=any_owner))
         reader.wait_until(lambda frame: True, 5.0, "the first cycle")
-        return cls(reader)
+        return cls(reader, any_owner=any_owner)
+
+    def __init__(self, reader: FrameReader, *, any_owner: bool = False) -> None:
+        """Not for callers: ``attach``."""
+        super().__init__(reader)
+        self._stops = StopRequests(reader.segment, any_owner=any_owner)
+
+    def close(self) -> None:
+        """Let go of the kernel; what moves goes on."""
+        self._stops.close()
+        super().close()
+
+    @property
+    def host_pid(self) -> int | None:
+        """The process that is host now; None: nobody is."""
+        return self._reader.segment.host_pid()
+
+    def halt(self, timeout: float | None = 30.0, *, axes: Axes = None) -> None:
+        """Bring axes to rest within the limits of their moves, whoever is host; returns at rest.
+
+        The kernel takes it in its next cycle, refuses a goal of that cycle, drops what waits for
+        these axes, and tells it as an event (``EventKind.STOP``) with this process. The host stays
+        host: it may move them again. ``timeout`` in s.
+
+        Raises InputError for axes that the kernel has not, KernelGoneError, TimeoutError,
+        SegmentOwnerError where this user may only read.
+
+        >>> from sjerk import Axis, Limits, MotionKernel
+        >>> axis = Axis(Limits(90.0, 500.0, 5000.0), 2**24 / 360)
+        >>> with MotionKernel([axis]) as kernel, Monitor.attach(kernel.name) as monitor:
+        ...     host = kernel.host()
+        ...     host.enable()
+        ...     move = host.move(1000.0)
+        ...     move.accepted()
+        ...     monitor.halt()
+        ...     print(move.state.name)
+        STOPPED
+        """
+        self._stops.stop(StopKind.HALT, axes, timeout)
+
+    def quick_stop(self, timeout: float | None = 30.0, *, axes: Axes = None) -> None:
+        """As ``halt``, but each axis as soon as its own stop limits allow."""
+        self._stops.stop(StopKind.QUICK_STOP, axes, timeout)

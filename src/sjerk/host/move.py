@@ -206,6 +206,6 @@ class Move:
             raise SupersededError(self.position)
         if state is MoveState.STOPPED:
             axes = {i: frame.axis[i] for i in self._targets}
-            raise MotionStoppedError(
-                self.position, {i: int(axis.error_code) for i, axis in axes.items() if axis.fault}
-            )
+            faults = {i: int(axis.error_code) for i, axis in axes.items() if axis.fault}
+            unhomed = self._link.answers.unhomed(self._goal_id)
+            raise MotionStoppedError(self.position, faults, unhomed)

@@ -112,12 +112,23 @@ class FrameReader:
                 break
         return self.buffer if self.segment.check(status) else None
 
+    @property
+    def number(self) -> int:
+        """Of the frame that was read last: frames are counted since the segment was made."""
+        return int(self._number[0])
+
     def frame(self) -> Any:
         """As ``read``; raises SjerkError before the first cycle."""
         frame = self.read()
         if frame is None:
             raise SjerkError("no cycle has run yet: call MotionKernel.step() first")
         return frame
+
+    def age(self, frame: Any) -> float | None:
+        """Seconds since the begin of the cycle of a frame; None in a caller's own loop."""
+        if not self.clocked:
+            return None
+        return max(0.0, (int(lib.sj_clock_now_ns()) - int(frame.time_ns)) * 1e-9)
 
     def copy(self) -> Any:
         """A copy of the newest frame."""

@@ -1,52 +1,109 @@
-"""The process of a kernel, from inside: ``python -P -m sjerk.kernel``, started by ``process.py``.
+"""The process of a kernel, from inside; started by ``process.py``.
 
-Builds the kernel in its shared memory and runs its cycle in a thread, wholly in C, until the
-standard input ends. Never here: equations, what a cycle does.
+Builds the kernel in its shared memory and runs its cycle in a thread, wholly in C, until it is told
+to end, SIGTERM comes, or its parent has ended. Never here: equations, what a cycle does.
 """
 
 from __future__ import annotations
 
-import pickle
+import contextlib
+import json
+import os
+import select
 import signal
-import sys
 import threading
 
 from sjerk._binding import ffi, lib
 from sjerk.handshake import TRACE, HostWatch, Segment
 from sjerk.host.reader import layout
 from sjerk.kernel import trace
+from sjerk.kernel.clock import Clock
 from sjerk.kernel.memory import build, rehearsal
-from sjerk.kernel.process import RUNNING, Order
+from sjerk.kernel.process import LENGTH, RUNNING, Order
+from sjerk.kernel.tables import kernel_fields
+
+_STDIN = 0
+_LOOK_MS = 100  # how often it is looked whether the parent lives, where the system does not tell
 
 
-class _EndError(Exception):
-    """SIGTERM came."""
+class _Ends:
+    """All that ends the kernel but its own faults: the word, SIGTERM, the end of the parent.
+
+    A signal is a byte in a pipe, so that it interrupts nothing half done.
+    """
+
+    def __init__(self) -> None:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        signals, wake = os.pipe()
+        os.set_blocking(wake, False)
+        signal.set_wakeup_fd(wake, warn_on_full_buffer=False)
+        signal.signal(signal.SIGTERM, lambda *_: None)
+        self._signals = signals
+        self._parent: int | None = None
+        self._handle: int | None = None
+
+    def of(self, parent: int) -> None:
+        """Its number; from now on its end counts."""
+        self._parent = parent
+        with contextlib.suppress(OSError):  # an old kernel, or a filter of system calls
+            self._handle = os.pidfd_open(parent)
+
+    def _orphaned(self) -> bool:
+        """A number may be another's by now, but the parent of this process is one process."""
+        return self._parent is not None and os.getppid() != self._parent
+
+    def wait(self) -> bool:
+        """Until there is something to read (True) or it is to end by other reasons (False)."""
+        poll = select.poll()
+        for fd in (_STDIN, self._signals, self._handle):
+            if fd is not None:
+                poll.register(fd, select.POLLIN)
+        timeout = _LOOK_MS if self._parent is not None and self._handle is None else None
+        while not self._orphaned():
+            ready = [fd for fd, _ in poll.poll(timeout)]
+            if ready:
+                return ready == [_STDIN]
+        return False
+
+    def read(self, count: int) -> bytes:
+        """So many bytes of the standard input; fewer where it ends, or the kernel is to end."""
+        found = b""
+        while len(found) < count and self.wait():
+            more = os.read(_STDIN, count - len(found))
+            if not more:
+                break
+            found += more
+        return found
 
 
-def main() -> None:
-    """Run one kernel, as its order says, until the input ends or SIGTERM comes."""
+def _order(ends: _Ends) -> Order | None:
+    length = ends.read(LENGTH)
+    count = int.from_bytes(length, "little")
+    text = ends.read(count) if len(length) == LENGTH else b""
+    return Order.from_bytes(text) if text and len(text) == count else None
 
-    def terminate(*_: object) -> None:
-        raise _EndError
 
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, terminate)
-    try:
-        order: Order = pickle.load(sys.stdin.buffer)
-    except (EOFError, pickle.UnpicklingError, _EndError):
+def main(answers: int) -> None:
+    """Run one kernel, as its order says, and tell the descriptor ``answers`` when it runs."""
+    ends = _Ends()
+    order = _order(ends)
+    if order is None:
         return  # who wanted the kernel was ended before it could say which
-    name, axes, cycle_time, text = order.name, order.axes, order.cycle_time, order.description
+    ends.of(order.parent)
+    text = order.description.encode()
+    _, values = kernel_fields(order.name, json.loads(text))
+    axes, cycle_time = values["axes"], values["cycle_time"]
     trace_layout = trace.layout(len(axes), cycle_time, len(text))
     with (
-        Segment.attach(name + TRACE, trace_layout, role="kernel") as traced,
-        Segment.attach(name, layout(len(axes)), role="kernel") as segment,
+        Segment.attach(order.name + TRACE, trace_layout, role="kernel") as traced,
+        Segment.attach(order.name, layout(len(axes)), role="kernel") as segment,
     ):
-        kernel = build(axes, cycle_time, order.reactions, segment.base)
+        kernel = build(axes, cycle_time, values["reactions"], segment.base)
         lib.sj_feedback_publish(traced.base, text)
         trace.touch(traced)
         kernel.trace = traced.base
         end = ffi.new("int32_t *")
-        options = order.clock.to_c(cycle_time)
+        options = Clock(**order.clock).to_c(cycle_time)  # type: ignore[arg-type]
         copy, _memory = rehearsal(len(axes), cycle_time) if options.spin_ns else (ffi.NULL, None)
 
         def run() -> None:
@@ -57,12 +114,10 @@ def main() -> None:
         cycle = threading.Thread(target=run)
         with HostWatch(segment, period_s=0.01):
             cycle.start()
-            try:
-                sys.stdout.buffer.write(RUNNING)
-                sys.stdout.buffer.flush()
-                sys.stdin.buffer.read()
-            except (_EndError, BrokenPipeError):
-                pass
+            with contextlib.suppress(BrokenPipeError):
+                os.write(answers, RUNNING)
+            os.close(answers)
+            ends.read(1)
             lib.sj_clock_end(end)
             cycle.join()
         for mine in (segment, traced):
@@ -71,4 +126,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    main(1)

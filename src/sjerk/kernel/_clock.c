@@ -11,8 +11,8 @@
 #include <stdatomic.h> /* the end flag, raised by another thread */
 #include <stddef.h>
 #include <stdint.h>
-#include <stdio.h>     /* the system's real-time share, read before the loop */
-#include <sys/mman.h>  /* mlock */
+#include <stdio.h>    /* the system's real-time share, read before the loop */
+#include <sys/mman.h> /* mlock */
 #include <time.h>
 #include "cycle/_cycle.h"
 #include "cycle/_goals.h"
@@ -27,10 +27,7 @@ static uint64_t read_clock(clockid_t clock)
     return (uint64_t)t.tv_sec * SECOND_NS + (uint64_t)t.tv_nsec;
 }
 
-uint64_t sj_clock_now_ns(void)
-{
-    return read_clock(CLOCK_MONOTONIC);
-}
+uint64_t sj_clock_now_ns(void) { return read_clock(CLOCK_MONOTONIC); }
 
 void sj_histogram_add(sj_histogram *histogram, uint64_t ns)
 {
@@ -162,14 +159,10 @@ static uint64_t wait_until(uint64_t deadline_ns, uint64_t spin_ns, const sj_kern
 }
 
 /* Raise the end flag of a running loop, from any thread. */
-void sj_clock_end(int32_t *end)
-{
-    atomic_store((_Atomic int32_t *)end, 1);
-}
+void sj_clock_end(int32_t *end) { atomic_store((_Atomic int32_t *)end, 1); }
 
 /* Cycle until the flag is raised and then everything is at rest and disabled. */
-void sj_clock_run(sj_kernel *kernel, sj_kernel *copy, const sj_clock_options *options,
-                  int32_t *end)
+void sj_clock_run(sj_kernel *kernel, sj_kernel *copy, const sj_clock_options *options, int32_t *end)
 {
     const uint64_t period_ns = options->period_ns;
     sj_feedback *feedback = &kernel->feedback;

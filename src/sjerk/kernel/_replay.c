@@ -56,13 +56,14 @@ static void give_image(sj_kernel *kernel, const sj_trace_frame *frame)
 
 int64_t sj_virtual_replay(sj_kernel *kernel, int64_t cycles, const void *frames,
                           int64_t command_count, const void *commands, int64_t record_count,
-                          const void *records)
+                          const void *records, int64_t stop_count, const void *stops)
 {
     const uint64_t bytes = sj_trace_frame_bytes(kernel->axes);
     const uint8_t *at = frames;
     int64_t i = 0;
 
-    kernel->given = (sj_trace_given){NULL, {commands, command_count}, {records, record_count}};
+    kernel->given = (sj_trace_given){
+        NULL, {commands, command_count}, {records, record_count}, {stops, stop_count}};
     for (; i < cycles; i++, at += bytes) {
         const sj_trace_frame *frame = (const void *)at;
         kernel->given.frame = frame;

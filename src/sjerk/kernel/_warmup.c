@@ -11,7 +11,7 @@
 #include "cycle/_cycle.h"
 #include "dpram/_dpram.h"
 #include "kernel/_clock.h"
-#include "base/_simd.h"  /* fetching ahead */
+#include "base/_simd.h" /* fetching ahead */
 
 static void fetch_all(const sj_kernel *kernel)
 {
@@ -32,8 +32,7 @@ static void fetch_all(const sj_kernel *kernel)
         fetch(&ip->legs[ip->leg < ip->count ? ip->leg : 0], 2 * sizeof ip->legs[0]);
         if (!ax->config.external) {
             fetch(&ax->drive, offsetof(sj_drive, goal.plan));
-            fetch(&ax->drive.goal.plan_left,
-                  sizeof ax->drive - offsetof(sj_drive, goal.plan_left));
+            fetch(&ax->drive.goal.plan_left, sizeof ax->drive - offsetof(sj_drive, goal.plan_left));
         }
         fetch(&ax->config, sizeof *ax - offsetof(sj_axis, config));
     }

@@ -7,6 +7,7 @@
 from __future__ import annotations
 
 import itertools
+import json
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 
 from sjerk._binding import ffi, lib
 from sjerk.errors import InputError, SjerkError, positive
-from sjerk.handshake import TRACE, Segment
+from sjerk.handshake import TRACE, Segment, group_number
 from sjerk.host import Host
 from sjerk.host.link import Link
 from sjerk.host.reader import layout
@@ -27,6 +28,7 @@ from sjerk.kernel.clock import Clock
 from sjerk.kernel.memory import build, commanded, first_frame, flags, rows
 from sjerk.kernel.process import KernelProcess, Order
 from sjerk.kernel.reactions import Reactions
+from sjerk.kernel.tables import kernel_fields
 
 _numbers = itertools.count(1)
 _step = lib.sj_kernel_step
@@ -74,11 +76,13 @@ class MotionKernel:
         name: str | None = None,
         clock: Clock | None = None,
         reactions: Reactions | None = None,
+        group: int | str | None = None,
     ) -> None:
         """``cycle_time`` in seconds (25 us to 100 ms). ``name``: of the segment, else made up.
 
         ``clock``: what the process asks of the system, else nothing. ``reactions``: what the kernel
-        does by itself.
+        does by itself. ``group``: whose members may command, watch and stop its process, with
+        ``any_owner=True``; None: this user alone.
 
         Raises InputError for axes that cannot run: each names the axis.
         """
@@ -93,6 +97,7 @@ class MotionKernel:
         if name is not None and (not isinstance(name, str) or not name):
             raise InputError("name", name, "must be a text that is not empty")
         self._name = name or f"kernel-{os.getpid()}-{next(_numbers)}"
+        self._group = group_number(group)
         self.clock = clock or Clock()
         self._reactions = reactions or Reactions()
         self._process: KernelProcess | None = None
@@ -147,14 +152,17 @@ class MotionKernel:
         if any(axis.drive == "external" for axis in self._axes):
             raise SjerkError("external drives are for step(): nobody would exchange their image")
         text = self._description()
+        self._check_description(text)
         own = layout(len(self._axes))
         trace_layout = trace.layout(len(self._axes), self._T, len(text))
         try:
             # first the trace: a client that finds the kernel finds it
-            self._trace = Segment.create(self._name + TRACE, trace_layout, replace_stale=True)
-            self._segment = Segment.create(self._name, own, replace_stale=True)
+            self._trace = Segment.create(
+                self._name + TRACE, trace_layout, group=self._group, replace_stale=True
+            )
+            self._segment = Segment.create(self._name, own, group=self._group, replace_stale=True)
             self._process = KernelProcess()
-            order = Order(self._name, self._axes, self._T, self.clock, self._reactions, text)
+            order = Order(self._name, text.decode(), trace.plain(self.clock), os.getpid())
             self._process.run(order)
         except BaseException:
             self.__exit__()
@@ -180,6 +188,20 @@ class MotionKernel:
         return trace.describe(
             name=self._name, cycle_time=self._T, axes=self._axes, reactions=self._reactions
         )
+
+    def _check_description(self, text: bytes) -> None:
+        """Refuse axes whose fields do not say all: a process of its own knows these alone."""
+        _, values = kernel_fields(self._name, json.loads(text))
+        own = build(values["axes"], self._T, values["reactions"], ffi.NULL)
+        for i, axis in enumerate(self._axes):
+            said, wanted = (ffi.addressof(k, "axis", i) for k in (own, self._kernel))
+            if bytes(ffi.buffer(said)) != bytes(ffi.buffer(wanted)):
+                raise InputError(
+                    f"axes[{i}]",
+                    axis,
+                    f"a {type(axis).__name__} does what its fields do not say: the kernel's own "
+                    "process has the fields of Axis, DriveConfig and Limits only; step() works",
+                )
 
     def host(self) -> Host:
         """Become the kernel's host; one at a time.

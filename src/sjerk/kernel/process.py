@@ -1,51 +1,120 @@
 """The process of a kernel, from outside: started, waited for, ended.
 
-What runs in it is ``python -m sjerk.kernel`` (``__main__.py``): it reads an ``Order`` from its
-standard input, and the end of that input is the order to end. Never here: the cycle, shared memory.
+What runs in it is ``sjerk.kernel.__main__``. It reads an ``Order`` from its standard input, then
+the word to end. It also ends with the process that started it, whoever else holds the other end of
+its input by then. Never here: the cycle, shared memory.
 """
 
 from __future__ import annotations
 
-import pickle
+import contextlib
+import json
+import os
+import select
 import subprocess
 import sys
-from dataclasses import dataclass
+import sysconfig
+from dataclasses import asdict, dataclass
+from pathlib import Path
 
+from sjerk.dpram.shortage import shortage
 from sjerk.errors import KernelGoneError
-from sjerk.kernel.axis import Axis
-from sjerk.kernel.clock import Clock
-from sjerk.kernel.reactions import Reactions
 
-#: What the process says once its cycle runs.
-RUNNING = b"running\n"
+#: What the process says once its cycle runs, and what it is told at the end.
+RUNNING, END = b"running\n", b"end\n"
+#: Bytes before an order: its length.
+LENGTH = 8
+_LOOK_MS = 50  # how often it is looked whether the process lives while it starts
+
+#: Its first lines: the import path of its parent, then the answers' descriptor.
+_BEGIN = (
+    "import sys, json; sys.path[:] = json.loads(sys.argv[2]); "
+    "from sjerk.kernel.__main__ import main; main(int(sys.argv[1]))"
+)
 
 
 @dataclass(frozen=True)
 class Order:
-    """What the process of a kernel needs to know; ``description`` goes into its trace."""
+    """What the process of a kernel needs to know, as data: it imports nothing of its parent's.
+
+    ``description``: the kernel as its trace has it. ``clock``: the table of its ``Clock``.
+    ``parent``: the process that ends the kernel when it ends itself.
+    """
 
     name: str
-    axes: tuple[Axis, ...]
-    cycle_time: float
-    clock: Clock
-    reactions: Reactions
-    description: bytes
+    description: str
+    clock: dict[str, object]
+    parent: int
+
+    def to_bytes(self) -> bytes:
+        """As it is sent."""
+        text = json.dumps(asdict(self)).encode()
+        return len(text).to_bytes(LENGTH, "little") + text
+
+    @classmethod
+    def from_bytes(cls, text: bytes) -> Order:
+        """What was sent, without its length."""
+        return cls(**json.loads(text))
+
+
+def import_path() -> list[str]:
+    """Where the process imports from: as this one does now, but never from a working directory.
+
+    The standard library comes first, so that no file beside a script takes its place.
+    """
+    library = {sysconfig.get_path("stdlib"), sysconfig.get_path("platstdlib")}
+    library |= {f"{folder}/lib-dynload" for folder in library}
+    archive = f"python{sys.version_info.major}{sys.version_info.minor}.zip"
+    try:
+        here = os.path.realpath(os.curdir)
+    except FileNotFoundError:  # it has been removed: nothing is imported from there
+        here = ""
+    own = [p for p in sys.path if p in library or os.path.basename(p) == archive]
+    rest = [p for p in sys.path if p not in own and p and os.path.realpath(p) != here]
+    root = str(Path(__file__).resolve().parents[2])
+    return [*own, *rest, *([] if root in rest else [root])]
+
+
+def _site_options() -> list[str]:
+    """What this process was told of its site, where import hooks come from."""
+    told = {"-S": sys.flags.no_site, "-s": sys.flags.no_user_site}
+    return [option for option, given in told.items() if given]
 
 
 class KernelProcess:
     """A process that runs the cycle of one kernel."""
 
     def __init__(self) -> None:
-        """Start it; it waits for its order."""
-        self._process = subprocess.Popen(
-            [sys.executable, "-P", "-m", "sjerk.kernel"],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            start_new_session=True,  # Ctrl-C is the host's to turn into a stop
-        )
+        """Start it; it waits for its order. Raises KernelGoneError where that cannot be."""
+        self._owner = os.getpid()
+        try:
+            self._start()
+        except OSError as error:
+            missing = shortage(error, "/") or f"{sys.executable}: {error.strerror}"
+            raise KernelGoneError(f"no process for the kernel: {missing}") from error
+
+    def _start(self) -> None:
+        answers, for_it = os.pipe()
+        self._answers = os.fdopen(answers, "rb", buffering=0)
+        try:
+            self._process = subprocess.Popen(
+                [
+                    *(sys.executable, "-P", *_site_options(), "-c", _BEGIN),
+                    *(str(for_it), json.dumps(import_path())),
+                ],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.DEVNULL,  # whatever is printed there is not for the parent's
+                pass_fds=[for_it],
+                env={k: v for k, v in os.environ.items() if k != "PYTHONPATH"},  # it is in the path
+                start_new_session=True,  # Ctrl-C is the host's to turn into a stop
+            )
+        except BaseException:
+            self._answers.close()
+            raise
+        finally:
+            os.close(for_it)
         assert self._process.stdin is not None
-        assert self._process.stdout is not None
-        self._stdin, self._stdout = self._process.stdin, self._process.stdout
+        self._stdin = self._process.stdin
 
     @property
     def pid(self) -> int:
@@ -59,13 +128,39 @@ class KernelProcess:
 
     def run(self, order: Order) -> None:
         """Return when its cycle runs; raises KernelGoneError."""
-        pickle.dump(order, self._stdin)
-        self._stdin.flush()
-        if self._stdout.readline() != RUNNING:
-            raise KernelGoneError(f"kernel {order.name!r} did not start")
+        with contextlib.suppress(BrokenPipeError):
+            self._stdin.write(order.to_bytes())
+            self._stdin.flush()
+        # not its end of file alone: a process forked meanwhile may hold the other end
+        found, poll = b"", select.poll()
+        poll.register(self._answers, select.POLLIN)
+        while found != RUNNING:
+            if not poll.poll(_LOOK_MS):
+                if self.alive:
+                    continue
+                break
+            more = self._answers.read(len(RUNNING) - len(found))
+            if not more:
+                break
+            found += more
+        if found != RUNNING:
+            code = self._process.wait()
+            raise KernelGoneError(
+                f"kernel {order.name!r} did not start: its process ended with exit code {code}"
+            )
 
     def end(self) -> None:
-        """Let it stop the motion and end; returns when it has."""
-        with self._stdin, self._stdout:
-            pass  # the end of its input is the order
+        """Let it stop the motion and end; returns when it has.
+
+        In a process that was forked from the owner it does nothing: the kernel is not its own.
+        """
+        if os.getpid() != self._owner:
+            self._process.returncode = 0  # nothing for this one to wait for
+            for pipe in (self._stdin, self._answers):
+                with contextlib.suppress(OSError):
+                    os.close(pipe.fileno())
+            return
+        with contextlib.suppress(BrokenPipeError), self._stdin:
+            self._stdin.write(END)
+        self._answers.close()
         self._process.wait()

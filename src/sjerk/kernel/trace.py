@@ -12,6 +12,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from functools import cache
+from numbers import Integral, Real
 from typing import Any, Literal, Self
 
 import numpy as np
@@ -44,7 +45,7 @@ def layout(axes: int, cycle_time: float, description: int) -> Layout:
 @cache
 def _abi() -> int:
     text = str([frame_dtype(1).descr, command_dtype(1).descr, event_dtype().descr])
-    text += str(record_dtype(1).descr)
+    text += str([record_dtype(1).descr, stop_dtype().descr])
     return int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "little")
 
 
@@ -76,9 +77,16 @@ def record_dtype(axes: int) -> np.dtype[Any]:
 
 
 @cache
-def row_dtype(axes: int, what: Literal["command", "record"]) -> np.dtype[Any]:
-    """Cycle, number and bytes of one command, or of one record of the ring."""
-    size = int((lib.sj_command_bytes if what == "command" else lib.sj_record_bytes)(axes))
+def stop_dtype() -> np.dtype[Any]:
+    """One ``sj_stop``: what a process beside the host asked to be stopped."""
+    return dtype_of("sj_stop")
+
+
+@cache
+def row_dtype(axes: int, what: Literal["command", "record", "stop"]) -> np.dtype[Any]:
+    """Cycle, number and bytes of one command, of one record of the ring, or of one stop."""
+    kinds = {"command": lib.sj_command_bytes, "record": lib.sj_record_bytes}
+    size = stop_dtype().itemsize if what == "stop" else int(kinds[what](axes))
     return np.dtype([("cycle", "u8"), ("number", "u8"), ("data", np.dtype((np.void, size)))])
 
 
@@ -93,14 +101,19 @@ def event_dtype() -> np.dtype[Any]:
 
 def describe(**what: Any) -> bytes:
     """Text (JSON) of dataclasses and numbers; only fields that are not as by default."""
-    text = json.dumps(_plain(what), separators=(",", ":")).encode()
+    text = json.dumps(plain(what), separators=(",", ":")).encode()
     return text + b" " * (-len(text) % 8)
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
+    """Tables, lists, texts and numbers of Python, of dataclasses of sjerk and numbers of any kind.
+
+    Of a subclass the fields that sjerk gave its base. Raises TypeError for anything else.
+    """
     if is_dataclass(value) and not isinstance(value, type):
+        known = next(c for c in type(value).__mro__ if c.__module__.partition(".")[0] == "sjerk")
         found = {}
-        for field in fields(value):
+        for field in fields(known):
             if not field.init:
                 continue
             own = getattr(value, field.name)
@@ -108,13 +121,21 @@ def _plain(value: Any) -> Any:
             if field.default_factory is not MISSING:
                 usual = field.default_factory()
             if usual is MISSING or own != usual:
-                found[field.name] = _plain(own)
+                found[field.name] = plain(own)
         return found
     if isinstance(value, dict):
-        return {key: _plain(one) for key, one in value.items()}
+        return {key: plain(one) for key, one in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_plain(one) for one in value]
-    return value
+        return [plain(one) for one in value]
+    if isinstance(value, (bool, np.bool_)):
+        return bool(value)
+    if isinstance(value, Integral):
+        return int(value)
+    if isinstance(value, Real):
+        return float(value)
+    if isinstance(value, str) or value is None:
+        return value
+    raise TypeError(f"{value!r} cannot be described")
 
 
 # ---- reading -------------------------------------------------------------------------------------
@@ -125,8 +146,9 @@ class Chunk:
     """Consecutive cycles of a trace.
 
     ``frames``: structured (cycles,), one ``sj_trace_frame`` each. ``missed`` (cycles,): items that
-    were lost before each. ``commands`` and ``records``: structured ``cycle``, ``number``, ``data``;
-    ``events``: structured ``sj_kernel_event``; all in order.
+    were lost before each. ``commands``, ``records`` and ``stops`` (those that processes beside the
+    host asked for): structured ``cycle``, ``number``, ``data``; ``events``: structured
+    ``sj_kernel_event``; all in order.
     """
 
     frames: NDArray[Any]
@@ -134,6 +156,7 @@ class Chunk:
     commands: NDArray[Any]
     records: NDArray[Any]
     events: NDArray[Any]
+    stops: NDArray[Any]
 
     @property
     def axes(self) -> int:
@@ -150,6 +173,7 @@ class Chunk:
                 np.empty(0, row_dtype(axes, "command")),
                 np.empty(0, row_dtype(axes, "record")),
                 np.empty(0, event_dtype()),
+                np.empty(0, row_dtype(axes, "stop")),
             )
         if len(chunks) == 1:
             return chunks[0]
@@ -180,9 +204,9 @@ class Trace:
         self._lost = 0
 
     @classmethod
-    def attach(cls, name: str) -> Self:
+    def attach(cls, name: str, *, any_owner: bool = False) -> Self:
         """The trace of the running kernel ``name``; raises HandshakeError."""
-        segment = Segment.attach(name + TRACE, role="monitor")
+        segment = Segment.attach(name + TRACE, role="monitor", any_owner=any_owner)
         try:
             return cls.of(segment)
         except BaseException:
@@ -266,6 +290,7 @@ class Trace:
             self._rows(items[kinds == lib.SJ_TRACE_COMMAND], row_dtype(self.axes, "command")),
             self._rows(items[kinds == lib.SJ_TRACE_RECORD], row_dtype(self.axes, "record")),
             event.view(event_dtype())[:, 0],
+            self._rows(items[kinds == lib.SJ_TRACE_STOP], row_dtype(self.axes, "stop")),
         )
 
     def _rows(self, items: NDArray[np.uint8], kind: np.dtype[Any]) -> NDArray[Any]:

@@ -3,11 +3,11 @@
  * The half-cycle lemma turns samples into the plan's states; _plan.c and _duration.c plan. Here is how axes share
  * a motion: each for itself, all in the same cycle, or all in the same phases. Pure, no allocation.
  */
-#include <math.h>   /* INFINITY, isinf */
+#include <math.h> /* INFINITY, isinf */
 #include <stddef.h>
 #include <stdint.h>
 #include "planner/_planner.h"
-#include "base/_limits.h" /* one profile for all axes */
+#include "base/_limits.h"     /* one profile for all axes */
 #include "base/_continuous.h" /* from samples to the continuous motion, exactly */
 
 /* From sample to sample, no jerk before the start; SI units of time, limits per cycle. The lemma in
@@ -15,8 +15,8 @@
 static sj_request request_between(double T, const sj_state *from, const sj_state *to)
 {
     double v = from->velocity * T, a = from->acceleration * T * T, v1 = to->velocity * T;
-    return (sj_request){(to->position - from->position) - 0.5 * (v1 + v) + a / 12.0,
-                        v + 0.5 * a, a, v1};
+    return (sj_request){(to->position - from->position) - 0.5 * (v1 + v) + a / 12.0, v + 0.5 * a, a,
+                        v1};
 }
 
 /* Rest to rest on a straight line: one profile of the line from 0 to 1 under the limits that the
@@ -92,11 +92,10 @@ int32_t sj_plan_samples(int32_t n, double cycle_time_s, const void *states, cons
         if (end[i].acceleration != 0.0)
             return SJ_PLAN_INVALID;
         request[i] = request_between(cycle_time_s, &start[i], &end[i]);
-        per_cycle[i] = (sj_limits){limit[i].velocity * one->velocity,
-                                   limit[i].acceleration * one->acceleration,
-                                   limit[i].jerk * one->jerk,
-                                   limit[i].deceleration * one->deceleration,
-                                   limit[i].deceleration_jerk * one->deceleration_jerk};
+        per_cycle[i] = (sj_limits){
+            limit[i].velocity * one->velocity, limit[i].acceleration * one->acceleration,
+            limit[i].jerk * one->jerk, limit[i].deceleration * one->deceleration,
+            limit[i].deceleration_jerk * one->deceleration_jerk};
     }
     return sj_plan_axes(n, request, per_cycle, least_cycles, synchronization, plans);
 }
@@ -155,8 +154,8 @@ int32_t sj_plan_rows(int64_t n, double cycle_time_s, const double *from, int64_t
         sj_state start = row_state(from + i * from_columns, from_columns);
         sj_state end = row_state(to + i * to_columns, to_columns);
         sj_request r = request_between(cycle_time_s, &start, &end);
-        int32_t status = sj_plan_move(r.distance, r.v0, r.a0, r.v1, limits + i * limits_step,
-                                      &plan);
+        int32_t status =
+            sj_plan_move(r.distance, r.v0, r.a0, r.v1, limits + i * limits_step, &plan);
         if (status != SJ_PLAN_OK) {
             *failed = i;
             return status;

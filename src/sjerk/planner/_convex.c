@@ -27,7 +27,8 @@
 
 static double path_at(const path *x, int *i, double k)
 {
-    while (*i < x->count - 2 && x->k[*i + 1] < k) ++*i;
+    while (*i < x->count - 2 && x->k[*i + 1] < k)
+        ++*i;
     double n = x->k[*i + 1] - x->k[*i];
     return x->a[*i] + (x->a[*i + 1] - x->a[*i]) * ((k - x->k[*i]) / n);
 }
@@ -43,19 +44,22 @@ static double distance_room(const task *t, double n, double p)
        lambda = (h - px) / (py - px)
    The nodes of z are those of x and of y. */
 static void combine(const task *t, double n, const path *x, double px, const path *y, double py,
-    path *z)
+                    path *z)
 {
     int ix = 0, iy = 0, gx = 0, gy = 0;
     double lambda = py > px ? most(0, least(1, (t->h - px) / (py - px))) : 0;
     z->count = 0;
     while (ix < x->count || iy < y->count) {
         double k = ix < x->count ? x->k[ix] : n;
-        if (iy < y->count) k = least(k, y->k[iy]);
+        if (iy < y->count)
+            k = least(k, y->k[iy]);
         double ax = path_at(x, &gx, k), ay = path_at(y, &gy, k);
         if (z->count < NODES)
             sj_node(z, k, k <= 0 ? t->a0 : k >= n ? 0 : ax + lambda * (ay - ax));
-        while (ix < x->count && x->k[ix] <= k) ix++;
-        while (iy < y->count && y->k[iy] <= k) iy++;
+        while (ix < x->count && x->k[ix] <= k)
+            ix++;
+        while (iy < y->count && y->k[iy] <= k)
+            iy++;
     }
 }
 
@@ -69,9 +73,13 @@ static void polish(const task *t, path *z)
     for (int i = 1; i + 1 < z->count; i++) {
         double w = (z->k[i + 1] - z->k[i - 1]) / 2;
         int s = i >= middle;
-        if (z->a[i] != 0 && w > width[s]) { width[s] = w; at[s] = i; }
+        if (z->a[i] != 0 && w > width[s]) {
+            width[s] = w;
+            at[s] = i;
+        }
     }
-    if (!at[0] || !at[1]) return;
+    if (!at[0] || !at[1])
+        return;
     double end = z->k[z->count - 1];
     for (int s = 0; s < 2; s++) {
         const double *k = &z->k[at[s]];
@@ -84,14 +92,17 @@ static void polish(const task *t, path *z)
     const double room = 4 * SLACK;
     for (int s = 0; s < 2; s++) {
         double level = room * (z->a[at[s]] > 0 ? t->au : t->ad);
-        if (!(fabs(change[s]) <= least(level, room * smaller_jerk(t) / slope[s]))) return;
+        if (!(fabs(change[s]) <= least(level, room * smaller_jerk(t) / slope[s])))
+            return;
     }
-    for (int s = 0; s < 2; s++) z->a[at[s]] += change[s];
+    for (int s = 0; s < 2; s++)
+        z->a[at[s]] += change[s];
 }
 
 static int convex_put(const task *t, path *z, sj_plan *p)
 {
-    if (p->count + z->count > SJ_PHASES) return 0;
+    if (p->count + z->count > SJ_PHASES)
+        return 0;
     polish(t, z);
     sj_path_put(p, z, t);
     p->kind = SJ_PLAN_CONVEX;
@@ -99,7 +110,8 @@ static int convex_put(const task *t, path *z, sj_plan *p)
 }
 
 /* Exactly n cycles: the convex combination of the two extremes (one jerk limit: the smaller). */
-static int combine_extremes(const task *t, double j, double n, double *nearest, summit *m, sj_plan *p)
+static int combine_extremes(const task *t, double j, double n, double *nearest, summit *m,
+                            sj_plan *p)
 {
     path x, y, z;
     double px = 0, py = 0;
@@ -108,14 +120,23 @@ static int combine_extremes(const task *t, double j, double n, double *nearest, 
     for (int i = 0; i < 2; i++) {
         if ((i == 0) == low_first) {
             task o = mirrored(t);
-            if (!sj_furthest(&o, j, n, &m[1], &x)) return 0;
-            for (int k = 0; k < x.count; k++) x.a[k] = -x.a[k];
+            if (!sj_furthest(&o, j, n, &m[1], &x))
+                return 0;
+            for (int k = 0; k < x.count; k++)
+                x.a[k] = -x.a[k];
             px = sj_path_distance(&x, t->v0);
-            if (px > t->h + distance_room(t, n, px)) { *nearest = px; return 0; }
+            if (px > t->h + distance_room(t, n, px)) {
+                *nearest = px;
+                return 0;
+            }
         } else {
-            if (!sj_furthest(t, j, n, &m[0], &y)) return 0;
+            if (!sj_furthest(t, j, n, &m[0], &y))
+                return 0;
             py = sj_path_distance(&y, t->v0);
-            if (py < t->h - distance_room(t, n, py)) { *nearest = py; return 0; }
+            if (py < t->h - distance_room(t, n, py)) {
+                *nearest = py;
+                return 0;
+            }
         }
     }
     combine(t, n, &x, px, &y, py, &z);
@@ -134,24 +155,36 @@ static int combine_sides(const task *t, double n, double *nearest, summit *m, sj
         if ((i == 0) == low_first) {
             task o = mirrored(t);
             int ok = sj_side_paths(&o, n, &down_near, &down_far);
-            if (ok == 0) return 0;
-            if (ok < 0) return combine_extremes(t, smaller_jerk(t), n, nearest, m, p);
-            for (int k = 0; k < down_far.count; k++) down_far.a[k] = -down_far.a[k];
-            for (int k = 0; k < down_near.count; k++) down_near.a[k] = -down_near.a[k];
+            if (ok == 0)
+                return 0;
+            if (ok < 0)
+                return combine_extremes(t, smaller_jerk(t), n, nearest, m, p);
+            for (int k = 0; k < down_far.count; k++)
+                down_far.a[k] = -down_far.a[k];
+            for (int k = 0; k < down_near.count; k++)
+                down_near.a[k] = -down_near.a[k];
             low = sj_path_distance(&down_far, t->v0);
             below = sj_path_distance(&down_near, t->v0);
-            if (low > t->h + room) { *nearest = low; return 0; }
+            if (low > t->h + room) {
+                *nearest = low;
+                return 0;
+            }
             if (below >= t->h) {
                 combine(t, n, &down_far, low, &down_near, below, &z);
                 return convex_put(t, &z, p);
             }
         } else {
             int ok = sj_side_paths(t, n, &up_near, &up_far);
-            if (ok == 0) return 0;
-            if (ok < 0) return combine_extremes(t, smaller_jerk(t), n, nearest, m, p);
+            if (ok == 0)
+                return 0;
+            if (ok < 0)
+                return combine_extremes(t, smaller_jerk(t), n, nearest, m, p);
             far = sj_path_distance(&up_far, t->v0);
             near = sj_path_distance(&up_near, t->v0);
-            if (far < t->h - room) { *nearest = far; return 0; }
+            if (far < t->h - room) {
+                *nearest = far;
+                return 0;
+            }
             if (near <= t->h) {
                 combine(t, n, &up_near, near, &up_far, far, &z);
                 return convex_put(t, &z, p);
@@ -163,8 +196,10 @@ static int combine_sides(const task *t, double n, double *nearest, summit *m, sj
 
 int sj_convex(const task *t, double n, double *nearest, summit *m, sj_plan *p)
 {
-    if (!(n >= 1 && n < 67108864.0)) return 0;
-    return t->ju == t->jd ? combine_extremes(t, t->ju, n, nearest, m, p) : combine_sides(t, n, nearest, m, p);
+    if (!(n >= 1 && n < 67108864.0))
+        return 0;
+    return t->ju == t->jd ? combine_extremes(t, t->ju, n, nearest, m, p)
+                          : combine_sides(t, n, nearest, m, p);
 }
 
 /* The first duration from n on that serves, below `longest`; gives up where waiting longer only leads
@@ -175,10 +210,13 @@ int sj_convex_from(const task *t, double *n, double longest, summit *m, sj_plan 
     double last = INFINITY, at = 0;
     for (int i = 0; i < DURATION_STEPS && *n < longest; i++) {
         double nearest = last < INFINITY ? last : -INFINITY, before = nearest, step = 1;
-        if (sj_convex(t, *n, &nearest, m, p)) return 1;
-        if (nearest > last) return 0;
+        if (sj_convex(t, *n, &nearest, m, p))
+            return 1;
+        if (nearest > last)
+            return 0;
         if (nearest != before) {
-            if (nearest < t->h) step = up((t->h - nearest) / t->vmax);
+            if (nearest < t->h)
+                step = up((t->h - nearest) / t->vmax);
             else {
                 /* blocked from above, but coming down ever faster: a part of the cycles at once */
                 if (last < INFINITY && t->ju != t->jd) {

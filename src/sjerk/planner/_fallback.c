@@ -15,21 +15,27 @@ int sj_by_stopping(const task *start, double duration, sj_plan *p)
     sj_plan head, runup;
     sj_begin(&head);
     sj_begin(&runup);
-    if (!sj_go_to_velocity(&t, 0, &head)) return 0;
+    if (!sj_go_to_velocity(&t, 0, &head))
+        return 0;
     t = sj_resume(start, &head);
     t.v0 = t.a0 = 0;
     sj_append(p, &head);
     double v1 = t.v1;
     if (v1 != 0) {
-        r = t; r.h = r.first = 0;
-        if (!sj_go_to_velocity(&r, v1, &runup)) return 0;
+        r = t;
+        r.h = r.first = 0;
+        if (!sj_go_to_velocity(&r, v1, &runup))
+            return 0;
         t.h += r.h;
         t.v1 = 0;
     }
-    if (!sj_move_direct(&t, p)) return 0;
+    if (!sj_move_direct(&t, p))
+        return 0;
     double wait = duration - (double)(p->cycles + runup.cycles);
-    if (wait < 0) return 0;
-    if (wait < LONGEST) sj_put_cruise(p, &t, wait);
+    if (wait < 0)
+        return 0;
+    if (wait < LONGEST)
+        sj_put_cruise(p, &t, wait);
     sj_append(p, &runup);
     p->kind = SJ_PLAN_STOP;
     return 1;
@@ -42,7 +48,8 @@ static int by_ending_acceleration(const task *start, sj_plan *p)
     task t = *start;
     sj_plan q = *p;
     sj_end_acceleration(&t, &q);
-    if (!sj_move_direct(&t, &q)) return 0;
+    if (!sj_move_direct(&t, &q))
+        return 0;
     *p = q;
     return 1;
 }
@@ -50,5 +57,6 @@ static int by_ending_acceleration(const task *start, sj_plan *p)
 /* Where sj_move_direct has failed. */
 int sj_fallback(const task *start, sj_plan *p)
 {
-    return (start->a0 != 0 && by_ending_acceleration(start, p)) || sj_by_stopping(start, INFINITY, p);
+    return (start->a0 != 0 && by_ending_acceleration(start, p)) ||
+           sj_by_stopping(start, INFINITY, p);
 }

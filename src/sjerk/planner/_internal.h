@@ -1,15 +1,17 @@
 /* What the planner's files share: the task in its frame, whole cycles, plans under construction,
    node paths. Private to this room; its contract is _planner.h. */
 #pragma once
-#include <math.h>       /* sqrt, cbrt, fma, fabs */
+#include <math.h> /* sqrt, cbrt, fma, fabs */
 #include <stddef.h>
-#include <stdint.h>     /* int64_t cycles */
+#include <stdint.h> /* int64_t cycles */
 #include "planner/_planner.h"
 
 /* relative room for rounding in counts and levels; a tenth of what is promised */
 static const double SLACK = 1e-10;
 enum {
-    NEWTON_STEPS = SJ_ROOT_STEPS, DURATION_STEPS = SJ_DURATION_STEPS, SYNC_ROUNDS = SJ_SYNC_ROUNDS,
+    NEWTON_STEPS = SJ_ROOT_STEPS,
+    DURATION_STEPS = SJ_DURATION_STEPS,
+    SYNC_ROUNDS = SJ_SYNC_ROUNDS,
     NODES = 40
 };
 static const double LONGEST = SJ_CYCLES_MAX;
@@ -19,29 +21,31 @@ static const double LONGEST = SJ_CYCLES_MAX;
 typedef struct {
     double h, v0, a0, v1;
     double vmax;
-    double au, ju;      /* acceleration upward and the jerk while it points upward */
-    double ad, jd;      /* the same downward */
-    double sign;        /* +1 or -1: how "up" lies in axis coordinates */
-    double first;       /* acceleration at the start of the whole plan */
+    double au, ju; /* acceleration upward and the jerk while it points upward */
+    double ad, jd; /* the same downward */
+    double sign;   /* +1 or -1: how "up" lies in axis coordinates */
+    double first;  /* acceleration at the start of the whole plan */
 } task;
 
 static inline task mirrored(const task *t)
 {
-    return (task){-t->h, -t->v0, -t->a0, -t->v1, t->vmax, t->ad, t->jd, t->au, t->ju, -t->sign,
-        -t->first};
+    return (task){-t->h, -t->v0, -t->a0, -t->v1,   t->vmax,  t->ad,
+                  t->jd, t->au,  t->ju,  -t->sign, -t->first};
 }
 
-static inline double up(double x)      /* whole cycles for x, rounding noise forgiven */
+static inline double up(double x) /* whole cycles for x, rounding noise forgiven */
 {
     x -= SLACK * (1.0 + fabs(x));
-    if (!(fabs(x) < 4e18)) return x;
+    if (!(fabs(x) < 4e18))
+        return x;
     double n = (double)(int64_t)x;
     return n < x ? n + 1.0 : n;
 }
 static inline double down(double x)
 {
     x += SLACK * (1.0 + fabs(x));
-    if (!(fabs(x) < 4e18)) return x;
+    if (!(fabs(x) < 4e18))
+        return x;
     double n = (double)(int64_t)x;
     return n > x ? n - 1.0 : n;
 }
@@ -59,7 +63,10 @@ static inline double smaller_acceleration(const task *t) { return least(t->au, t
 static inline double smaller_jerk(const task *t) { return least(t->ju, t->jd); }
 
 /* Acceleration at whole cycles k, straight between: each piece is a phase. */
-typedef struct { int count; double k[NODES], a[NODES]; } path;
+typedef struct {
+    int count;
+    double k[NODES], a[NODES];
+} path;
 
 /* Time of a change of velocity x >= 0 between states without acceleration:
        x / A + A / J where A is reached (x J >= A^2), else 2 sqrt(x / J). */
@@ -111,13 +118,16 @@ int sj_go_to_velocity(task *t, double v, sj_plan *p);
 typedef struct {
     /* virtual start without acceleration; velocity when the acceleration is brought to zero */
     double vs, vz;
-    double t0, p0;      /* what the virtual start adds to time and distance */
-    double low;         /* lowest peak velocity of the family */
+    double t0, p0; /* what the virtual start adds to time and distance */
+    double low;    /* lowest peak velocity of the family */
 } family;
 
 /* The same in whole cycles: lengths of the phases, cruise velocity and first level. The second ramp
    takes n5, n6, n5. */
-typedef struct { double n1, n2, n3, n4, n5, n6; double v, a; } seven;
+typedef struct {
+    double n1, n2, n3, n4, n5, n6;
+    double v, a;
+} seven;
 
 static inline double seven_cycles(const seven *s)
 {
@@ -132,11 +142,14 @@ int sj_seven_fit(const task *t, seven *s);
 void sj_seven_put(sj_plan *p, const task *t, const seven *s);
 void sj_even_counts(double x, double z, double amax, double jerk, double *rise, double *hold);
 void sj_ramp_counts(double a0, double x, double z, double amax, double jerk, double jerk1,
-    double *n1, double *n2, double *n3);
+                    double *n1, double *n2, double *n3);
 
 /* What a search for a duration has learnt, for both directions: cycles up to the velocity limit, and
    down from it. */
-typedef struct { int known; double s, r; } summit;
+typedef struct {
+    int known;
+    double s, r;
+} summit;
 
 /* _extreme.c */
 double sj_velocity_scale(const task *t, double j, double n);

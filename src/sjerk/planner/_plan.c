@@ -24,9 +24,12 @@ static int plan_crossing(const task *start, int ramp, sj_plan *p)
     task t = *start;
     int64_t used = p->cycles;
     int ok = 0;
-    if ((ramp ? sj_go_to_velocity(&t, t.v1, &q) : move(&t, &q))
-        && !sj_leaves_velocity(start, &q, used)) {
-        if (start->ju == start->jd || q.kind != SJ_PLAN_CONVEX) { *p = q; return 1; }
+    if ((ramp ? sj_go_to_velocity(&t, t.v1, &q) : move(&t, &q)) &&
+        !sj_leaves_velocity(start, &q, used)) {
+        if (start->ju == start->jd || q.kind != SJ_PLAN_CONVEX) {
+            *p = q;
+            return 1;
+        }
         ok = 1;
     }
     t = *start;
@@ -36,8 +39,8 @@ static int plan_crossing(const task *start, int ramp, sj_plan *p)
         ok = ramp ? sj_go_to_velocity(&t, t.v1, &q) : move(&t, &q);
         t = *start;
     }
-    if (sj_cross_hard(&t, &r) && (ramp ? sj_go_to_velocity(&t, t.v1, &r) : move(&t, &r))
-        && (!ok || r.cycles < q.cycles)) {
+    if (sj_cross_hard(&t, &r) && (ramp ? sj_go_to_velocity(&t, t.v1, &r) : move(&t, &r)) &&
+        (!ok || r.cycles < q.cycles)) {
         *p = r;
         return 1;
     }
@@ -48,7 +51,8 @@ static int plan_crossing(const task *start, int ramp, sj_plan *p)
 int32_t sj_plan_move(double h, double v0, double a0, double v1, const sj_limits *l, sj_plan *p)
 {
     sj_begin(p);
-    if (!sj_valid(h, v0, a0, v1, l)) return SJ_PLAN_INVALID;
+    if (!sj_valid(h, v0, a0, v1, l))
+        return SJ_PLAN_INVALID;
     task t = sj_task_of(h, v0, a0, v1, l);
     int lands = sj_recover(&t, p), back = p->count > 0 ? SJ_PLAN_RECOVERY : 0;
     int ok = lands ? move(&t, p) : plan_crossing(&t, 0, p);
@@ -60,10 +64,12 @@ int32_t sj_plan_move(double h, double v0, double a0, double v1, const sj_limits 
 int32_t sj_plan_velocity(double v0, double a0, double v1, const sj_limits *l, sj_plan *p)
 {
     sj_begin(p);
-    if (!sj_valid(0, v0, a0, v1, l)) return SJ_PLAN_INVALID;
+    if (!sj_valid(0, v0, a0, v1, l))
+        return SJ_PLAN_INVALID;
     task t = sj_task_of(0, v0, a0, v1, l);
     int lands = sj_recover(&t, p), back = p->count > 0 ? SJ_PLAN_RECOVERY : 0;
-    if (!(lands ? sj_go_to_velocity(&t, t.v1, p) : plan_crossing(&t, 1, p))) return SJ_PLAN_TOO_LONG;
+    if (!(lands ? sj_go_to_velocity(&t, t.v1, p) : plan_crossing(&t, 1, p)))
+        return SJ_PLAN_TOO_LONG;
     p->kind = SJ_PLAN_RAMP + back;
     sj_note_scale(p, l);
     return SJ_PLAN_OK;

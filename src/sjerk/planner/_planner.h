@@ -9,19 +9,20 @@ enum { SJ_ROOT_STEPS = 40, SJ_DURATION_STEPS = 6, SJ_SYNC_ROUNDS = 10 };
 
 enum sj_plan_status {
     SJ_PLAN_OK = 0,
-    SJ_PLAN_INVALID = 1,                /* a number that is none, a limit <= 0, |v1| > velocity */
-    SJ_PLAN_TOO_LONG = 2,               /* more than SJ_CYCLES_MAX cycles */
-    SJ_PLAN_BLOCKED = 3                 /* none of exactly this duration; the plan is the next longer */
+    SJ_PLAN_INVALID = 1,  /* a number that is none, a limit <= 0, |v1| > velocity */
+    SJ_PLAN_TOO_LONG = 2, /* more than SJ_CYCLES_MAX cycles */
+    SJ_PLAN_BLOCKED = 3   /* none of exactly this duration; the plan is the next longer */
 };
 
-enum sj_plan_kind {                     /* how it was found */
-    SJ_PLAN_WAIT = 0,                   /* nothing to do, or waiting only */
-    SJ_PLAN_CRUISE = 1,                 /* ramp, cruise, ramp: seven phases */
-    SJ_PLAN_EASE = 2,                   /* braking eased for a while; no zero of the acceleration */
-    SJ_PLAN_CONVEX = 3,                 /* convex combination of a plan too short and one too far */
-    SJ_PLAN_STOP = 4,                   /* stop first, then from rest: the last resort */
-    SJ_PLAN_RAMP = 5,                   /* change of velocity only */
-    SJ_PLAN_RECOVERY = 8                /* added: the start was outside its limits */
+/* how it was found */
+enum sj_plan_kind {
+    SJ_PLAN_WAIT = 0,    /* nothing to do, or waiting only */
+    SJ_PLAN_CRUISE = 1,  /* ramp, cruise, ramp: seven phases */
+    SJ_PLAN_EASE = 2,    /* braking eased for a while; no zero of the acceleration */
+    SJ_PLAN_CONVEX = 3,  /* convex combination of a plan too short and one too far */
+    SJ_PLAN_STOP = 4,    /* stop first, then from rest: the last resort */
+    SJ_PLAN_RAMP = 5,    /* change of velocity only */
+    SJ_PLAN_RECOVERY = 8 /* added: the start was outside its limits */
 };
 
 /* From the continuous state (0, v0, a0) to (h, v1, 0), as soon as possible. */
@@ -36,7 +37,7 @@ int32_t sj_plan_duration(double h, double v0, double a0, double v1, const sj_lim
                          int64_t cycles, sj_plan *plan);
 
 typedef struct {
-    double distance, v0, a0, v1;        /* continuous, per cycle */
+    double distance, v0, a0, v1; /* continuous, per cycle */
 } sj_request;
 
 /* n axes, SJ_AXES at most, in the same and fewest cycles, at least `cycles`. */
@@ -45,9 +46,9 @@ int32_t sj_plan_together(int32_t n, const sj_request *requests, const sj_limits 
 
 /* Requests between samples, for several axes and for many (_axes.c). */
 enum sj_synchronization {
-    SJ_SYNC_NONE = 0,                   /* each axis as soon as it can */
-    SJ_SYNC_TIME = 1,                   /* all axes arrive in the same cycle */
-    SJ_SYNC_PHASE = 2                   /* the same phases: rest to rest on a straight line */
+    SJ_SYNC_NONE = 0, /* each axis as soon as it can */
+    SJ_SYNC_TIME = 1, /* all axes arrive in the same cycle */
+    SJ_SYNC_PHASE = 2 /* the same phases: rest to rest on a straight line */
 };
 
 /* States and limits as memory of sj_state and sj_limits, since Python passes joined bytes: n starts and
@@ -63,9 +64,9 @@ int32_t sj_plan_sample_velocity(double cycle_time_s, const void *from, double v1
  * once only. */
 typedef struct {
     int64_t cycles;
-    int64_t first;                      /* index of its first phase */
-    int32_t count;                      /* phases used */
-    int32_t kind;                       /* enum sj_plan_kind */
+    int64_t first; /* index of its first phase */
+    int32_t count; /* phases used */
+    int32_t kind;  /* enum sj_plan_kind */
 } sj_row;
 
 int32_t sj_plan_rows(int64_t n, double cycle_time_s, const double *from, int64_t from_columns,

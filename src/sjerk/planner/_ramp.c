@@ -20,8 +20,8 @@ static double level_change(double a0, double m, double l, double j, double *n1, 
     double d = l >= a0 ? j : -j, e = l >= 0 ? j : -j;
     *n1 = whole(fabs(l - a0) / j);
     *n3 = whole(fabs(l) / j);
-    return a0 / 2 + a0 * *n1 + d * *n1 * (*n1 + 1) / 2 + l * (m - 1 - *n1 - *n3)
-        + e * *n3 * (*n3 + 1) / 2;
+    return a0 / 2 + a0 * *n1 + d * *n1 * (*n1 + 1) / 2 + l * (m - 1 - *n1 - *n3) +
+           e * *n3 * (*n3 + 1) / 2;
 }
 
 /* Fastest whole-cycle ramp (v0, a0) -> (v1, 0) under one jerk limit. |a0| must be within the
@@ -34,11 +34,16 @@ int sj_ramp(double v0, double a0, double dv, double vmax, double au, double ad, 
     double t;
     if (dv >= z)
         t = a0 >= 0 ? ramp_time(dv + z, au, j) - a0 / j : ramp_time(dv - z, au, j) - a0 / j;
-    else t = a0 <= 0 ? ramp_time(z * -1 - dv, ad, j) + a0 / j : ramp_time(z - dv, ad, j) + a0 / j;
+    else
+        t = a0 <= 0 ? ramp_time(z * -1 - dv, ad, j) + a0 / j : ramp_time(z - dv, ad, j) + a0 / j;
     double m = most(up(t), up(fabs(a0) / j));
-    if (!(m < LONGEST)) return 0;
+    if (!(m < LONGEST))
+        return 0;
     if (m <= 0) {
-        if (dv == 0 && a0 == 0) { sj_node(x, 0, a0); return 1; }
+        if (dv == 0 && a0 == 0) {
+            sj_node(x, 0, a0);
+            return 1;
+        }
         m = 1;
     }
     for (int i = 0; i < DURATION_STEPS; i++, m += 1) {
@@ -49,29 +54,39 @@ int sj_ramp(double v0, double a0, double dv, double vmax, double au, double ad, 
         if (dv > top + room || dv < bottom - room) {
             /* among very many cycles `up` forgives more than one: add those that are missing */
             double lacks = dv > top ? (dv - top) / hi : (bottom - dv) / -lo;
-            if (lacks > 1 && lacks < LONGEST) m += whole(lacks) - 1;
+            if (lacks > 1 && lacks < LONGEST)
+                m += whole(lacks) - 1;
             continue;
         }
         double share = bottom < top ? most(0, least(1, (dv - bottom) / (top - bottom))) : 0;
         double l = lo + (hi - lo) * share;
         for (int s = 0; s < NEWTON_STEPS; s++) {
             double f = level_change(a0, m, l, j, &n1, &n3) - dv;
-            if (f > 0) hi = l; else lo = l;
+            if (f > 0)
+                hi = l;
+            else
+                lo = l;
             double w = m - 1 - n1 - n3;
             double next = w > 0 ? l - f / w : (lo + hi) / 2;
-            if (next == l) break;
-            if (next < lo || next > hi) next = (lo + hi) / 2;
-            if (fabs(next - l) <= 1e-16 * (fabs(l) + j)) { l = next; break; }
+            if (next == l)
+                break;
+            if (next < lo || next > hi)
+                next = (lo + hi) / 2;
+            if (fabs(next - l) <= 1e-16 * (fabs(l) + j)) {
+                l = next;
+                break;
+            }
             l = next;
         }
-        n1 = whole(fabs(l - a0) / j); n3 = whole(fabs(l) / j);
+        n1 = whole(fabs(l - a0) / j);
+        n3 = whole(fabs(l) / j);
         /* three phases when they fit the same duration */
         double r1 = most(1, up(fabs(l - a0) / j)), r3 = most(1, up(fabs(l) / j)), r2 = m - r1 - r3;
         if (r2 >= 0 && vmax > 0) {
             double level = (dv - r1 * a0 / 2) / ((r1 + r3) / 2 + r2);
-            if (level <= au * (1 + SLACK) && level >= -ad * (1 + SLACK)
-                && fabs(level - a0) <= r1 * j * (1 + SLACK) && fabs(level) <= r3 * j * (1 + SLACK)
-                && (level * a0 >= 0 || fabs(v0 + a0 * a0 * r1 / (2 * (a0 - level))) <= vmax)) {
+            if (level <= au * (1 + SLACK) && level >= -ad * (1 + SLACK) &&
+                fabs(level - a0) <= r1 * j * (1 + SLACK) && fabs(level) <= r3 * j * (1 + SLACK) &&
+                (level * a0 >= 0 || fabs(v0 + a0 * a0 * r1 / (2 * (a0 - level))) <= vmax)) {
                 sj_node(x, 0, a0);
                 sj_node(x, r1, level);
                 sj_node(x, r1 + r2, level);
@@ -81,14 +96,19 @@ int sj_ramp(double v0, double a0, double dv, double vmax, double au, double ad, 
         }
         double d = l >= a0 ? j : -j, e = l >= 0 ? j : -j;
         sj_node(x, 0, a0);
-        if (n1 > 0 && n1 <= m - n3) sj_node(x, n1, a0 + d * n1);
-        if (n1 + 1 < m - n3) sj_node(x, n1 + 1, l);
-        if (m - n3 - 1 > n1 + 1) sj_node(x, m - n3 - 1, l);
-        if (m - n3 < m) sj_node(x, m - n3, e * n3);
+        if (n1 > 0 && n1 <= m - n3)
+            sj_node(x, n1, a0 + d * n1);
+        if (n1 + 1 < m - n3)
+            sj_node(x, n1 + 1, l);
+        if (m - n3 - 1 > n1 + 1)
+            sj_node(x, m - n3 - 1, l);
+        if (m - n3 < m)
+            sj_node(x, m - n3, e * n3);
         sj_node(x, m, 0);
         /* over very many cycles rounding adds up; more than that would be a fault */
         double rest = dv - sj_path_change(x);
-        if (fabs(rest) > room + SLACK * fabs(dv)) return 0;
+        if (fabs(rest) > room + SLACK * fabs(dv))
+            return 0;
         return 1;
     }
     return 0;

@@ -23,13 +23,16 @@ enum { CROSSINGS = 12 };
 /* Where full jerk leads: after n cycles `left` of the acceleration, less than one cycle's jerk, at
    velocity v; both with the sign of a0 taken out.
        left = |a0| - n J,   v = v0 + n |a0| - n^2 J / 2 */
-typedef struct { double n, left, v; } brink;
+typedef struct {
+    double n, left, v;
+} brink;
 
 static brink brink_of(const task *t)
 {
     double a = fabs(t->a0), j = t->a0 > 0 ? t->ju : t->jd, v = t->a0 > 0 ? t->v0 : -t->v0;
     double n = whole(a / j), left = a - n * j;
-    if (left <= 1e-13 * a) left = 0;
+    if (left <= 1e-13 * a)
+        left = 0;
     return (brink){n, left, v + n * (a - n * j / 2)};
 }
 
@@ -45,11 +48,14 @@ static int can_cross(const task *t, brink b, double w)
     double beyond = t->a0 > 0 ? t->ad : t->au, other = t->a0 > 0 ? t->au : t->ad;
     double v = b.v, a = b.left;
     for (int i = 0; i < CROSSINGS; i++) {
-        if (v + a / 2 <= w) return 1;
+        if (v + a / 2 <= w)
+            return 1;
         double room = w - v, j = a * a / (2 * room);
-        if (!(room > 0 && j <= most_crossing_jerk(t, a, beyond) * (1 + 1e-14))) return 0;
+        if (!(room > 0 && j <= most_crossing_jerk(t, a, beyond) * (1 + 1e-14)))
+            return 0;
         double swap = beyond;
-        beyond = other; other = swap;
+        beyond = other;
+        other = swap;
         v = j / 2 - a - v;
         a = j - a;
     }
@@ -63,7 +69,8 @@ static int can_cross(const task *t, brink b, double w)
 static double hardest_crossing(const task *t, brink b)
 {
     double a = b.left, most_j = most_crossing_jerk(t, a, t->a0 > 0 ? t->ad : t->au);
-    if (!(a < most_j)) return 0;
+    if (!(a < most_j))
+        return 0;
     double half = b.v + 0.75 * a;
     return least(most_j, half + sqrt(half * half + a * a / 2));
 }
@@ -83,17 +90,16 @@ static void put_crossing(task *t, double j, sj_plan *p)
     sj_plan q;
     sj_begin(&q);
     sj_put(&q, b.n, -d * full);
-    if (b.left > 0) sj_put(&q, 1, -d * most(j, b.left));
+    if (b.left > 0)
+        sj_put(&q, 1, -d * most(j, b.left));
     *t = sj_resume(t, &q);
-    if (!(j > b.left)) t->a0 = 0;
+    if (!(j > b.left))
+        t->a0 = 0;
     sj_append(p, &q);
 }
 
 /* Acceleration to zero, on a node. */
-void sj_end_acceleration(task *t, sj_plan *p)
-{
-    put_crossing(t, 0, p);
-}
+void sj_end_acceleration(task *t, sj_plan *p) { put_crossing(t, 0, p); }
 
 /* Crosses zero, each time with the gentlest jerk, until the acceleration can end on a node. */
 void sj_cross_gently(task *t, sj_plan *p)
@@ -101,7 +107,8 @@ void sj_cross_gently(task *t, sj_plan *p)
     for (int i = 0; i < CROSSINGS && !lands(t); i++) {
         brink b = brink_of(t);
         double j = most_crossing_jerk(t, b.left, t->a0 > 0 ? t->ad : t->au);
-        put_crossing(t, least(j, b.left * b.left / (2 * most(0, t->vmax - b.v))), p);
+        double room = most(0, t->vmax - b.v); /* none: the most jerk that serves */
+        put_crossing(t, room > 0 ? least(j, b.left * b.left / (2 * room)) : j, p);
     }
 }
 
@@ -112,16 +119,15 @@ int sj_cross_hard(task *t, sj_plan *p)
     return lands(t);
 }
 
-static int keeps(const task *t)
-{
-    return can_cross(t, brink_of(t), t->vmax * (1 + SLACK / 2));
-}
+static int keeps(const task *t) { return can_cross(t, brink_of(t), t->vmax * (1 + SLACK / 2)); }
 
 int32_t sj_plan_keeps(double v, double a, const sj_limits *l)
 {
     double up = a < 0.0 ? -1.0 : 1.0;
-    task t = {0.0, up * v, up * a, 0.0, l->velocity, l->acceleration, l->jerk, l->deceleration,
-              l->deceleration_jerk, 1.0, up * a};
+    task t = {0.0,     up * v,          up * a,
+              0.0,     l->velocity,     l->acceleration,
+              l->jerk, l->deceleration, l->deceleration_jerk,
+              1.0,     up * a};
     return keeps(&t);
 }
 
@@ -131,13 +137,15 @@ static void ease_to_acceleration(task *t, sj_plan *p)
 {
     double amax = t->a0 > 0 ? t->au : t->ad, j = t->a0 > 0 ? t->ju : t->jd;
     double d = t->a0 > 0 ? t->sign : -t->sign, above = fabs(t->a0) - amax;
-    if (!(above > SLACK * amax)) return;
+    if (!(above > SLACK * amax))
+        return;
     sj_plan q;
     sj_begin(&q);
     sj_put(&q, down(above / j), -d * j);
     task u = sj_resume(t, &q);
     double left = fabs(u.a0) - amax;
-    if (left > SLACK * amax) sj_put(&q, 1, -d * left);
+    if (left > SLACK * amax)
+        sj_put(&q, 1, -d * left);
     u = sj_resume(t, &q);
     if (!keeps(&u)) {
         sj_begin(&q);
@@ -154,8 +162,10 @@ static void brake_to_velocity(task *t, sj_plan *p)
 {
     double top = t->vmax * (1 + SLACK / 2), v = t->v0;
     path x;
-    if (!(v > t->vmax * (1 + SLACK)) || t->a0 > 0) return;
-    if (!sj_ramp(v, t->a0, -t->vmax - v, -1, t->au, t->ad, t->jd, &x)) return;
+    if (!(v > t->vmax * (1 + SLACK)) || t->a0 > 0)
+        return;
+    if (!sj_ramp(v, t->a0, -t->vmax - v, -1, t->au, t->ad, t->jd, &x))
+        return;
     sj_plan q;
     sj_begin(&q);
     for (int i = 1; i < x.count; i++) {
@@ -163,7 +173,10 @@ static void brake_to_velocity(task *t, sj_plan *p)
         if (v + m * (a + m * jerk / 2) <= top) {
             for (int s = 0; s < 64 && hi - lo > 1; s++) {
                 double mid = whole((lo + hi) / 2);
-                if (v + mid * (a + mid * jerk / 2) <= top) hi = mid; else lo = mid;
+                if (v + mid * (a + mid * jerk / 2) <= top)
+                    hi = mid;
+                else
+                    lo = mid;
             }
             sj_put(&q, hi, t->sign * jerk);
             break;
@@ -180,15 +193,18 @@ static void brake_to_velocity(task *t, sj_plan *p)
 int sj_recover(task *t, sj_plan *p)
 {
     double small = smaller_jerk(t);
-    if (fabs(t->a0) <= smaller_acceleration(t)
-        && t->a0 * t->a0 <= 1.99 * small * (t->vmax - fabs(t->v0) - 2 * small)) return 1;
+    if (fabs(t->a0) <= smaller_acceleration(t) &&
+        t->a0 * t->a0 <= 1.99 * small * (t->vmax - fabs(t->v0) - 2 * small))
+        return 1;
     ease_to_acceleration(t, p);
     double amax = (t->a0 > 0 ? t->au : t->ad) * (1 + SLACK);
     if (!keeps(t)) {
-        if (!sj_cross_hard(t, p) && !keeps(t)) sj_end_acceleration(t, p);
+        if (!sj_cross_hard(t, p) && !keeps(t))
+            sj_end_acceleration(t, p);
     } else if (fabs(t->a0) > amax || fabs(t->v0) > t->vmax * (1 + SLACK)) {
         sj_cross_gently(t, p);
-        if (fabs(t->a0) > amax) sj_end_acceleration(t, p);
+        if (fabs(t->a0) > amax)
+            sj_end_acceleration(t, p);
     }
     brake_to_velocity(t, p);
     *t = mirrored(t);

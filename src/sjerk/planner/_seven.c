@@ -23,12 +23,15 @@ family sj_family_of(const task *t)
     family f;
     if (t->a0 >= 0) {
         double b = t->a0 / t->ju, w = t->a0 * b / 2;
-        f.vs = t->v0 - w; f.vz = t->v0 + w;
-        f.t0 = -b; f.p0 = -b * (f.vs + t->a0 * b / 6);
+        f.vs = t->v0 - w;
+        f.vz = t->v0 + w;
+        f.t0 = -b;
+        f.p0 = -b * (f.vs + t->a0 * b / 6);
     } else {
         double b = -t->a0 / t->jd;
         f.vs = f.vz = t->v0 + t->a0 * b / 2;
-        f.t0 = b; f.p0 = b * (t->v0 + t->a0 * b / 3);
+        f.t0 = b;
+        f.p0 = b * (t->v0 + t->a0 * b / 3);
     }
     f.low = most(f.vz, t->v1);
     return f;
@@ -39,8 +42,8 @@ family sj_family_of(const task *t)
 double sj_family_distance(const task *t, const family *f, double v)
 {
     double x1 = most(0, v - f->vs), x2 = most(0, v - t->v1);
-    return f->p0 + (v + f->vs) / 2 * ramp_time(x1, t->au, t->ju)
-        + (v + t->v1) / 2 * ramp_time(x2, t->ad, t->jd);
+    return f->p0 + (v + f->vs) / 2 * ramp_time(x1, t->au, t->ju) +
+           (v + t->v1) / 2 * ramp_time(x2, t->ad, t->jd);
 }
 
 /* The far root need not exist, and then the method is given up later: few steps serve where it
@@ -55,34 +58,64 @@ static double family_peak(const task *t, const family *f, double at_low, int far
     double jb = second ? t->jd : t->ju;
     double lo = sqrt(most(0, (f->low - base) * jb)), hi = sqrt(most(0, (t->vmax - base) * jb));
     double x = t->h - at_low, jh = t->ju, ah = t->au;
-    if (t->jd != t->ju) { double q = 2 / (1 / sqrt(t->ju) + 1 / sqrt(t->jd)); jh = q * q; }
-    if (t->ad != t->au) ah = 2 * t->au * t->ad / (t->au + t->ad);
+    if (t->jd != t->ju) {
+        double q = 2 / (1 / sqrt(t->ju) + 1 / sqrt(t->jd));
+        jh = q * q;
+    }
+    if (t->ad != t->au)
+        ah = 2 * t->au * t->ad / (t->au + t->ad);
     double v = cbrt(x * x * jh / 4);
     if (v * jh > ah * ah) {
         double q = ah / jh;
         v = 0.5 * (sqrt(ah * (ah * q * q + 4 * x)) - ah * q);
     }
     double z = sqrt(most(0, (v + f->low - base) * jb));
-    if (far || !(z < hi)) z = hi;
-    if (z < lo) z = lo;
+    if (far || !(z < hi))
+        z = hi;
+    if (z < lo)
+        z = lo;
     double scale = 1e-13 * (fabs(t->h) + fabs(at_low));
-    if (!far && x <= 0) return f->low;
+    if (!far && x <= 0)
+        return f->low;
     for (int i = 0; i < (far ? FAR_STEPS : NEWTON_STEPS); i++) {
         v = base + z * z / jb;
         double x1 = v - f->vs, x2 = v - t->v1, t1, t2, d1, d2;
-        if (second) x2 = z * z / jb; else x1 = z * z / jb;
-        if (x1 * t->ju >= t->au * t->au) { t1 = x1 / t->au + t->au / t->ju; d1 = 1 / t->au; }
-        else { double r = second ? sqrt(most(x1, 0) * t->ju) : z; t1 = 2 * r / t->ju; d1 = 1 / r; }
-        if (x2 * t->jd >= t->ad * t->ad) { t2 = x2 / t->ad + t->ad / t->jd; d2 = 1 / t->ad; }
-        else { double r = second ? z : sqrt(most(x2, 0) * t->jd); t2 = 2 * r / t->jd; d2 = 1 / r; }
+        if (second)
+            x2 = z * z / jb;
+        else
+            x1 = z * z / jb;
+        if (x1 * t->ju >= t->au * t->au) {
+            t1 = x1 / t->au + t->au / t->ju;
+            d1 = 1 / t->au;
+        } else {
+            double r = second ? sqrt(most(x1, 0) * t->ju) : z;
+            t1 = 2 * r / t->ju;
+            d1 = 1 / r;
+        }
+        if (x2 * t->jd >= t->ad * t->ad) {
+            t2 = x2 / t->ad + t->ad / t->jd;
+            d2 = 1 / t->ad;
+        } else {
+            double r = second ? z : sqrt(most(x2, 0) * t->jd);
+            t2 = 2 * r / t->jd;
+            d2 = 1 / r;
+        }
         double e = f->p0 + 0.5 * ((v + f->vs) * t1 + (v + t->v1) * t2) - t->h;
-        if (e > 0) hi = z; else lo = z;
-        if (fabs(e) <= scale) break;
+        if (e > 0)
+            hi = z;
+        else
+            lo = z;
+        if (fabs(e) <= scale)
+            break;
         double slope = 0.5 * (t1 + t2) + 0.5 * (v + f->vs) * d1 + 0.5 * (v + t->v1) * d2;
         slope = slope * 2 * z / jb;
         double next = z - e / slope;
-        if (!(next > lo && next < hi)) next = 0.5 * (lo + hi);
-        if (fabs(next - z) <= 1e-13 * z) { z = next; break; }
+        if (!(next > lo && next < hi))
+            next = 0.5 * (lo + hi);
+        if (fabs(next - z) <= 1e-13 * z) {
+            z = next;
+            break;
+        }
         z = next;
     }
     return base + z * z / jb;
@@ -95,27 +128,32 @@ static double family_peak(const task *t, const family *f, double at_low, int far
 int sj_seven_fit(const task *t, seven *s)
 {
     double n1 = s->n1, n2 = s->n2, n3 = s->n3, r2 = s->n5 + s->n6, m1 = n1 + n2 + n3,
-        m2 = r2 + s->n5;
+           m2 = r2 + s->n5;
     double c = 1 / (0.5 * (n1 + n3) + n2), q = 0.5 * m1, rest = t->h;
     if (t->a0 != 0.0 || n1 != n3) {
-        q = (n1 * (0.5 * (n2 + n3) + n1 * (1.0 / 6)) + n2 * (n3 + 0.5 * n2)
-            + n3 * n3 * (1.0 / 3)) * c;
+        q = (n1 * (0.5 * (n2 + n3) + n1 * (1.0 / 6)) + n2 * (n3 + 0.5 * n2) + n3 * n3 * (1.0 / 3)) *
+            c;
         rest -= t->a0 * n1 * (0.5 * (n2 + n3 - q) + n1 * (1.0 / 3));
     }
     double v = (rest - t->v0 * (m1 - q) - t->v1 * (0.5 * m2)) / (q + s->n4 + 0.5 * m2);
     double a = (v - t->v0 - 0.5 * n1 * t->a0) * c, w = v - t->v1;
-    s->v = v; s->a = a;
+    s->v = v;
+    s->a = a;
     const double one = 1 + 4 * SLACK;
-    if (!(fabs(v) <= t->vmax * one)) return 0;
+    if (!(fabs(v) <= t->vmax * one))
+        return 0;
     double lim = w >= 0 ? least(t->ad, s->n5 * t->jd) : least(t->au, s->n5 * t->ju);
-    if (!(fabs(w) <= lim * r2 * one)) return 0;
+    if (!(fabs(w) <= lim * r2 * one))
+        return 0;
     double amax = a >= 0 ? t->au : t->ad, jerk = a >= 0 ? t->ju : t->jd;
-    if (!(fabs(a) <= one * least(amax, n3 * jerk))) return 0;
+    if (!(fabs(a) <= one * least(amax, n3 * jerk)))
+        return 0;
     if (a * t->a0 >= 0) {
         double j0 = t->a0 > 0 ? t->ju : t->a0 < 0 ? t->jd : jerk;
         return fabs(a - t->a0) <= one * n1 * j0;
     }
-    if (!(fabs(a - t->a0) <= one * n1 * smaller_jerk(t))) return 0;
+    if (!(fabs(a - t->a0) <= one * n1 * smaller_jerk(t)))
+        return 0;
     /* the acceleration crosses zero inside the first phase: an extreme of the velocity */
     double turn = t->v0 + 0.5 * t->a0 * t->a0 * n1 / (t->a0 - a);
     return fabs(turn) <= t->vmax * one;
@@ -124,14 +162,18 @@ int sj_seven_fit(const task *t, seven *s)
 void sj_seven_put(sj_plan *p, const task *t, const seven *s)
 {
     double j1 = (s->a - t->a0) / s->n1, j3 = -s->a / s->n3,
-        j5 = (t->v1 - s->v) * (1 / (s->n5 + s->n6)) / s->n5, d = t->sign;
+           j5 = (t->v1 - s->v) * (1 / (s->n5 + s->n6)) / s->n5, d = t->sign;
     /* the first of the plan, and what rises falls again: no rounding is left for a cruise to multiply */
     int at_zero = p->count == 0 && t->a0 == 0.0 && s->n1 == s->n3;
-    if (t->a0 == 0.0 && s->n1 == s->n3) j3 = -j1;
+    if (t->a0 == 0.0 && s->n1 == s->n3)
+        j3 = -j1;
     sj_put(p, s->n1, d * j1);
     sj_put(p, s->n2, 0);
     sj_put(p, s->n3, d * j3);
-    if (at_zero) sj_put(p, s->n4, 0); else sj_put_cruise(p, t, s->n4);
+    if (at_zero)
+        sj_put(p, s->n4, 0);
+    else
+        sj_put_cruise(p, t, s->n4);
     sj_put(p, s->n5, d * j5);
     sj_put(p, s->n6, 0);
     sj_put(p, s->n5, -d * j5);
@@ -143,10 +185,15 @@ void sj_seven_put(sj_plan *p, const task *t, const seven *s)
 void sj_even_counts(double x, double z, double amax, double jerk, double *rise, double *hold)
 {
     double best = INFINITY, fewest = most(1, down(z / jerk));
-    *rise = 1; *hold = 0;
+    *rise = 1;
+    *hold = 0;
     for (int i = 0; i < 2; i++) {
         double r = fewest + i, level = least(amax, r * jerk), m = most(2 * r, up(x / level + r));
-        if (m < best) { best = m; *rise = r; *hold = m - 2 * r; }
+        if (m < best) {
+            best = m;
+            *rise = r;
+            *hold = m - 2 * r;
+        }
     }
 }
 
@@ -154,19 +201,30 @@ void sj_even_counts(double x, double z, double amax, double jerk, double *rise, 
    toward level z.
        x = a0 n1 / 2 + level ((n1 + n3) / 2 + n2) */
 void sj_ramp_counts(double a0, double x, double z, double amax, double jerk, double jerk1,
-    double *n1, double *n2, double *n3)
+                    double *n1, double *n2, double *n3)
 {
-    if (a0 == 0) { sj_even_counts(x, z, amax, jerk, n1, n2); *n3 = *n1; return; }
+    if (a0 == 0) {
+        sj_even_counts(x, z, amax, jerk, n1, n2);
+        *n3 = *n1;
+        return;
+    }
     double f = z / jerk, g = (z - a0) / jerk1, best = INFINITY;
     double f0 = most(1, down(f)), g0 = most(1, down(g));
-    *n1 = *n3 = 1; *n2 = 0;
+    *n1 = *n3 = 1;
+    *n2 = 0;
     for (int i = 0; i < 2; i++)
         for (int k = g < 1 && f0 > 1 ? -1 : 0; k < 2; k++) {
             double r1 = g0 + i, r3 = f0 + k;
             double level = least(amax, least(r3 * jerk, a0 + r1 * jerk1));
-            if (!(level > 0)) continue;
+            if (!(level > 0))
+                continue;
             double m = most(r1 + r3, up((x - 0.5 * r1 * a0) / level + 0.5 * (r1 + r3)));
-            if (m < best) { best = m; *n1 = r1; *n3 = r3; *n2 = m - r1 - r3; }
+            if (m < best) {
+                best = m;
+                *n1 = r1;
+                *n3 = r3;
+                *n2 = m - r1 - r3;
+            }
         }
 }
 
@@ -175,12 +233,54 @@ static void seven_shorten(const task *t, seven *s, double least_cycles)
 {
     for (int round = 0; round < DURATION_STEPS && seven_cycles(s) - least_cycles >= 1; round++) {
         seven c = *s;
-        if (s->n4 > 0) { c.n4 -= 1; if (sj_seven_fit(t, &c)) { *s = c; continue; } c.n4 += 1; }
-        if (s->n2 > 0) { c.n2 -= 1; if (sj_seven_fit(t, &c)) { *s = c; continue; } c.n2 += 1; }
-        if (s->n6 > 0) { c.n6 -= 1; if (sj_seven_fit(t, &c)) { *s = c; continue; } c.n6 += 1; }
-        if (s->n1 > 1) { c.n1 -= 1; if (sj_seven_fit(t, &c)) { *s = c; continue; } c.n1 += 1; }
-        if (s->n3 > 1) { c.n3 -= 1; if (sj_seven_fit(t, &c)) { *s = c; continue; } c.n3 += 1; }
-        if (s->n5 > 1) { c.n5 -= 1; c.n6 += 1; if (sj_seven_fit(t, &c)) { *s = c; continue; } }
+        if (s->n4 > 0) {
+            c.n4 -= 1;
+            if (sj_seven_fit(t, &c)) {
+                *s = c;
+                continue;
+            }
+            c.n4 += 1;
+        }
+        if (s->n2 > 0) {
+            c.n2 -= 1;
+            if (sj_seven_fit(t, &c)) {
+                *s = c;
+                continue;
+            }
+            c.n2 += 1;
+        }
+        if (s->n6 > 0) {
+            c.n6 -= 1;
+            if (sj_seven_fit(t, &c)) {
+                *s = c;
+                continue;
+            }
+            c.n6 += 1;
+        }
+        if (s->n1 > 1) {
+            c.n1 -= 1;
+            if (sj_seven_fit(t, &c)) {
+                *s = c;
+                continue;
+            }
+            c.n1 += 1;
+        }
+        if (s->n3 > 1) {
+            c.n3 -= 1;
+            if (sj_seven_fit(t, &c)) {
+                *s = c;
+                continue;
+            }
+            c.n3 += 1;
+        }
+        if (s->n5 > 1) {
+            c.n5 -= 1;
+            c.n6 += 1;
+            if (sj_seven_fit(t, &c)) {
+                *s = c;
+                continue;
+            }
+        }
         break;
     }
 }
@@ -188,43 +288,62 @@ static void seven_shorten(const task *t, seven *s, double least_cycles)
 /* ---- from the one to the other ---- */
 
 /* Ramp, cruise, ramp with a peak at or above both ends. Sets *optimum, the time in continuous time. */
-int sj_by_cruise(const task *t, const family *f, double at_low, int far, seven *s,
-    double *optimum)
+int sj_by_cruise(const task *t, const family *f, double at_low, int far, seven *s, double *optimum)
 {
     double v, t4 = 0, at_top = sj_family_distance(t, f, t->vmax);
-    if (at_top <= t->h) { v = t->vmax; t4 = (t->h - at_top) / v; }
-    else v = family_peak(t, f, at_low, far);
+    if (at_top <= t->h) {
+        v = t->vmax;
+        t4 = (t->h - at_top) / v;
+    } else
+        v = family_peak(t, f, at_low, far);
     double x1 = most(0, v - f->vs), x2 = most(0, v - t->v1);
     double z1 = sqrt(x1 * t->ju), z2 = sqrt(x2 * t->jd);
     double t1, t2;
-    if (z1 > t->au) { z1 = t->au; t1 = x1 / z1 + z1 / t->ju; } else t1 = 2 * z1 / t->ju;
-    if (z2 > t->ad) { z2 = t->ad; t2 = x2 / z2 + z2 / t->jd; } else t2 = 2 * z2 / t->jd;
+    if (z1 > t->au) {
+        z1 = t->au;
+        t1 = x1 / z1 + z1 / t->ju;
+    } else
+        t1 = 2 * z1 / t->ju;
+    if (z2 > t->ad) {
+        z2 = t->ad;
+        t2 = x2 / z2 + z2 / t->jd;
+    } else
+        t2 = 2 * z2 / t->jd;
     *optimum = f->t0 + t1 + t4 + t2;
     double j1 = t->a0 < 0 ? smaller_jerk(t) : t->ju, n5, n6;
-    if (!(*optimum < LONGEST)) return 0;
+    if (!(*optimum < LONGEST))
+        return 0;
     sj_ramp_counts(t->a0, v - t->v0, z1, t->au, t->ju, j1, &s->n1, &s->n2, &s->n3);
     sj_even_counts(v - t->v1, z2, t->ad, t->jd, &n5, &n6);
-    s->n5 = n5; s->n6 = n6;
+    s->n5 = n5;
+    s->n6 = n6;
     double m1 = s->n1 + s->n2 + s->n3, m2 = 2 * n5 + n6;
     s->n4 = 0;
     if (v > 0) {
         double n1 = s->n1, c = 0.5 * (n1 + s->n3) + s->n2, a = (v - t->v0 - 0.5 * n1 * t->a0) / c;
-        double d1 = t->v0 * m1 + t->a0 * n1 * (0.5 * (s->n2 + s->n3) + n1 / 3)
-                  + a * (n1 * (0.5 * (s->n2 + s->n3) + n1 / 6) + s->n2 * (s->n3 + 0.5 * s->n2)
-                      + s->n3 * s->n3 / 3);
+        double d1 = t->v0 * m1 + t->a0 * n1 * (0.5 * (s->n2 + s->n3) + n1 / 3) +
+                    a * (n1 * (0.5 * (s->n2 + s->n3) + n1 / 6) + s->n2 * (s->n3 + 0.5 * s->n2) +
+                         s->n3 * s->n3 / 3);
         s->n4 = most(0, up((t->h - d1 - 0.5 * (v + t->v1) * m2) / v));
     }
     if (!sj_seven_fit(t, s)) {
         int ok = 0;
-        for (int i = 0; i < 2 && !ok; i++) { s->n4 += 1; ok = sj_seven_fit(t, s); }
+        for (int i = 0; i < 2 && !ok; i++) {
+            s->n4 += 1;
+            ok = sj_seven_fit(t, s);
+        }
         /* the peak is where full jerk carries the start anyway: come to zero, or a little across it
            and back */
         double total = s->n1 + s->n2 + s->n3 + s->n4, n1 = most(1, up(fabs(t->a0) / j1));
         for (int i = 0; i < 3 && !ok; i++) {
-            s->n1 = n1 + i; s->n2 = 0; s->n3 = 1; s->n4 = most(0, total - s->n1 - 2);
+            s->n1 = n1 + i;
+            s->n2 = 0;
+            s->n3 = 1;
+            s->n4 = most(0, total - s->n1 - 2);
             ok = sj_seven_fit(t, s);
         }
-        if (!ok) return 0;
+        if (!ok)
+            return 0;
     }
     seven_shorten(t, s, up(*optimum));
     return 1;

@@ -9,12 +9,11 @@
 
 int sj_valid(double h, double v0, double a0, double v1, const sj_limits *l)
 {
-    return isfinite(h) && isfinite(v0) && isfinite(a0) && isfinite(v1)
-        && isfinite(l->velocity) && isfinite(l->acceleration) && isfinite(l->jerk)
-        && isfinite(l->deceleration) && isfinite(l->deceleration_jerk)
-        && l->velocity > 0 && l->acceleration > 0 && l->jerk > 0 && l->deceleration > 0
-            && l->deceleration_jerk > 0
-        && fabs(v1) <= l->velocity * (1 + SLACK);
+    return isfinite(h) && isfinite(v0) && isfinite(a0) && isfinite(v1) && isfinite(l->velocity) &&
+           isfinite(l->acceleration) && isfinite(l->jerk) && isfinite(l->deceleration) &&
+           isfinite(l->deceleration_jerk) && l->velocity > 0 && l->acceleration > 0 &&
+           l->jerk > 0 && l->deceleration > 0 && l->deceleration_jerk > 0 &&
+           fabs(v1) <= l->velocity * (1 + SLACK);
 }
 
 /* The task with "up" in the direction of the move: the sign of the first of these that is not
@@ -23,6 +22,8 @@ task sj_task_of(double h, double v0, double a0, double v1, const sj_limits *l)
 {
     double direction = h != 0 ? h : v1 != 0 ? v1 : v0 != 0 ? v0 : a0;
     double d = direction < 0 ? -1 : 1;
-    return (task){d * h, d * v0, d * a0, d * v1, l->velocity, l->acceleration, l->jerk,
-                  l->deceleration, l->deceleration_jerk, d, d * a0};
+    return (task){d * h,   d * v0,          d * a0,
+                  d * v1,  l->velocity,     l->acceleration,
+                  l->jerk, l->deceleration, l->deceleration_jerk,
+                  d,       d * a0};
 }

@@ -16,13 +16,15 @@ int sj_go_to_velocity(task *t, double v, sj_plan *p)
         /* beyond what zero on a node costs the sign stays; else it changes on a node */
         double s = t->a0 > 0 ? 1 : -1, jz = s > 0 ? t->ju : t->jd, a = s * t->a0;
         double n = whole(a / jz), landed = n * (a - n * jz / 2) + (a - n * jz) / 2;
-        if (a > 0 && s * (v - t->v0) >= landed) j = jz;
+        if (a > 0 && s * (v - t->v0) >= landed)
+            j = jz;
         else {
             sj_end_acceleration(t, p);
             j = v > t->v0 ? t->ju : t->jd;
         }
     }
-    if (!sj_ramp(t->v0, t->a0, v - t->v0, t->vmax * (1 + SLACK), t->au, t->ad, j, &x)) return 0;
+    if (!sj_ramp(t->v0, t->a0, v - t->v0, t->vmax * (1 + SLACK), t->au, t->ad, j, &x))
+        return 0;
     sj_path_put(p, &x, t);
     t->h -= sj_path_distance(&x, t->v0);
     t->v0 = v;

@@ -7,6 +7,7 @@ here: what a column means.
 
 from __future__ import annotations
 
+import contextlib
 import os
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -79,6 +80,12 @@ class McapWriter:
         )
         self._file.start(profile="", library="sjerk")
         self._file.add_metadata("sjerk", {"description": description})
+        try:
+            self._stream.flush()  # a disk that is full fails now
+        except OSError:
+            with contextlib.suppress(OSError):
+                self._stream.close()
+            raise
         self._channels: dict[str, tuple[int, np.dtype[Any]]] = {}
 
     def write(self, tables: Tables) -> None:
@@ -113,11 +120,14 @@ class McapWriter:
         for cycle, _, _, channel, message in sorted(messages, key=lambda m: m[:3]):
             time = times.get(cycle, 0)
             self._file.add_message(channel, log_time=time, data=message, publish_time=time)
+        self._stream.flush()
 
     def close(self) -> None:
         """End the file: its last chunk, its summary."""
-        self._file.finish()
-        self._stream.close()
+        try:
+            self._file.finish()
+        finally:
+            self._stream.close()
 
 
 class _Whole:

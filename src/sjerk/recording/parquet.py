@@ -53,7 +53,7 @@ class ParquetWriter:
     def __init__(self, path: Path, description: str) -> None:
         self._path, self._description = path, description
         self._file: Any = None
-        path.open("wb").close()  # a folder that cannot be written fails now
+        path.write_bytes(b"PAR1")  # a folder that cannot be written, a disk that is full: fails now
 
     def write(self, tables: Tables) -> None:
         """Append a row group of some cycles."""

@@ -7,10 +7,12 @@ from __future__ import annotations
 
 import json
 import threading
+from contextlib import suppress
 from pathlib import Path
 from typing import Self
 
-from sjerk.errors import positive
+from sjerk.dpram.shortage import shortage
+from sjerk.errors import InputError, positive
 from sjerk.kernel import MotionKernel
 from sjerk.kernel.trace import Chunk, Trace
 from sjerk.recording import files
@@ -38,11 +40,16 @@ class Recorder:
     """
 
     def __init__(
-        self, kernel: MotionKernel | str, path: Path | str | None, *, period: float = 0.02
+        self,
+        kernel: MotionKernel | str,
+        path: Path | str | None,
+        *,
+        period: float = 0.02,
+        any_owner: bool = False,
     ) -> None:
         """``path`` ends in ``.parquet`` or ``.mcap``; None keeps the cycles in memory.
 
-        ``period`` in s: how often the trace is read.
+        ``period`` in s: how often the trace is read. ``any_owner``: also of another user's kernel.
 
         Raises InputError, HandshakeError where no such kernel runs.
         """
@@ -57,15 +64,18 @@ class Recorder:
         if self._kernel is not None:
             self._trace = Trace.of(self._kernel.trace_to(self.drain))
         else:
-            self._trace = Trace.attach(kernel if isinstance(kernel, str) else kernel.name)
+            name = kernel if isinstance(kernel, str) else kernel.name
+            self._trace = Trace.attach(name, any_owner=any_owner)
         try:
             text = json.dumps(self._trace.description)
             self._file = None if self._path is None else files.writer(self._path, text)
-        except BaseException:
+        except BaseException as fault:
             self._release()
+            if isinstance(fault, OSError):
+                raise self._told(fault) from fault
             raise
         self._end = threading.Event()
-        self._fault: BaseException | None = None
+        self._fault: Exception | None = None
         self._thread: threading.Thread | None = None
 
     def __enter__(self) -> Self:
@@ -83,13 +93,22 @@ class Recorder:
         else:
             self.drain()
         try:
-            if self._fault is not None:
-                raise self._fault
-            self._write()
+            if self._fault is None:
+                self._write()
+                self._end_file()
+        except Exception as fault:
+            self._fault = self._told(fault)
         finally:
-            if self._file is not None:
-                self._file.close()
             self._release()
+        if self._fault is not None:
+            with suppress(Exception):  # it has said why already
+                self._end_file()
+            raise self._fault
+
+    @property
+    def fault(self) -> Exception | None:
+        """What keeps it from recording on; leaving it raises that. None: all is well."""
+        return self._fault
 
     @property
     def alive(self) -> bool:
@@ -115,7 +134,23 @@ class Recorder:
                 self._end.wait(self._period)
             self.drain()
         except Exception as fault:
-            self._fault = fault
+            self._fault = self._told(fault)
+
+    def _told(self, fault: Exception) -> Exception:
+        """A fault of the file, with its name."""
+        if not isinstance(fault, OSError) or self._path is None:
+            return fault
+        missing = shortage(fault, str(self._path.resolve().parent))
+        why = missing or fault.strerror or str(fault)
+        limit = f"cannot be written after {self.cycles} cycles: {why}"
+        told = InputError("file", str(self._path), limit)
+        told.__cause__ = fault
+        return told
+
+    def _end_file(self) -> None:
+        if self._file is not None:
+            file, self._file = self._file, None
+            file.close()
 
     def drain(self) -> None:
         """Take what the trace has now; it is called often enough by itself."""
@@ -138,5 +173,8 @@ class Recorder:
             if self._file is None:
                 self._kept.append(chunk)
             else:
-                self._file.write(tables_of(chunk))
+                try:
+                    self._file.write(tables_of(chunk))
+                except OSError as fault:
+                    raise self._told(fault) from fault
         self._chunks, self._waiting = [], 0

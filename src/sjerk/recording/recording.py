@@ -157,10 +157,11 @@ class Recording:
         position: FloatArray = self.column("actual_counts") / counts
         return position
 
-    def way_points(self, axis: int) -> tuple[NDArray[np.int64], FloatArray]:
-        """Way-points of the paths that were played: planned cycle and position, axis units.
+    def knots(self, axis: int) -> tuple[NDArray[np.int64], FloatArray]:
+        """Knots of the paths that were played, as the kernel was given them.
 
-        Where a path is run at its own speed, the commanded position of that cycle is the way-point.
+        Returns the planned cycle (k,) and the position (k,), axis units, at the end of each segment;
+        where a path is run at its own speed, it is the commanded position of that cycle.
         """
         kind = record_dtype(len(self.axes))
         begun = {
@@ -209,3 +210,8 @@ class Recording:
     def records(self) -> NDArray[Any]:
         """Records of the ring as they were taken: ``cycle``, ``number``, ``data``."""
         return self.all.records
+
+    @property
+    def stops(self) -> NDArray[Any]:
+        """Stops that processes beside the host asked for: ``cycle``, ``number``, ``data``."""
+        return self.all.stops

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -63,7 +63,7 @@ def simulate(
             action(host)
         _run(raw, trace, chunks, memory, stride, at, cycles, period)
     whole = Chunk.joined(chunks, axes)
-    found = Chunk(frames, np.zeros(cycles, np.uint64), whole.commands, whole.records, whole.events)
+    found = replace(whole, frames=frames, missed=np.zeros(cycles, np.uint64))
     return Recording(trace.description, lambda: iter((found,)))
 
 
@@ -162,7 +162,7 @@ def replay(recording: Recording | Path | str) -> Replay:
     for chunk in recording.chunks():
         cycle = chunk.frames["head"]["cycle"].astype(np.int64)
         _check(recording, chunk, cycle, expected)
-        rows = [np.ascontiguousarray(r) for r in (chunk.commands, chunk.records)]
+        rows = [np.ascontiguousarray(r) for r in (chunk.commands, chunk.records, chunk.stops)]
         inputs = [x for r in rows for x in (len(r), ffi.from_buffer(r))]
         frames = np.ascontiguousarray(chunk.frames)
         begun = time.perf_counter()

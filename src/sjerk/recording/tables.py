@@ -72,7 +72,7 @@ def tables_of(chunk: Chunk) -> Tables:
     """The columns of some cycles."""
     frames = _to_columns(chunk.frames) | {"missed": chunk.missed}
     found = {FRAMES: frames, "events": _to_columns(chunk.events)}
-    for name in ("commands", "records"):
+    for name in ("commands", "records", "stops"):
         rows = getattr(chunk, name)
         found[name] = {part: rows[part] for part in rows.dtype.names}
     return found
@@ -98,7 +98,16 @@ def chunk_of(tables: Tables, axes: int) -> Chunk:
         _rows(tables["commands"], row_dtype(axes, "command")),
         _rows(tables["records"], row_dtype(axes, "record")),
         events,
+        _stops(tables, events, row_dtype(axes, "stop")),
     )
+
+
+def _stops(tables: Tables, events: NDArray[Any], kind: np.dtype[Any]) -> NDArray[Any]:
+    """None in a file from before there were stops beside the host: no event tells of one."""
+    told = np.any(events["kind"] == EventKind.STOP)
+    if "cycle" not in tables.get("stops", {}) and (told or "stops" in tables):
+        raise InputError("column", "stops.cycle", "is missing")
+    return _rows(tables["stops"], kind) if "stops" in tables else np.empty(0, kind)
 
 
 def _rows(table: dict[str, NDArray[Any]], kind: np.dtype[Any]) -> NDArray[Any]:

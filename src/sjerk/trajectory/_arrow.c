@@ -26,7 +26,7 @@ static const double BOUNDARY = 0.995, HOLD = 1e-11;
 /* A bound of every row: value of the row with its border, slack, multiplier, their steps, 1 / slack, what
  * s z is to change by, and what the slack is wrong by. */
 typedef struct {
-    double sign;                        /* 1: low, -1: high */
+    double sign; /* 1: low, -1: high */
     const double *bound, *beside;
     double *y, *s, *z, *ds, *dz, *over, *c, *r;
 } side;
@@ -34,11 +34,11 @@ typedef struct {
 typedef struct {
     const sj_arrow *p;
     int64_t n;
-    double *L;                          /* (n, band + 1): column j from its diagonal down */
-    double *M;                          /* (n, B) */
+    double *L; /* (n, band + 1): column j from its diagonal down */
+    double *M; /* (n, B) */
     double C[B][B];
-    double *dx, *grad;                  /* (n + B) */
-    double *y;                          /* (rows): without their border */
+    double *dx, *grad; /* (n + B) */
+    double *y;         /* (rows): without their border */
     side of[2];
 } work;
 
@@ -49,10 +49,7 @@ int64_t sj_arrow_spare(int64_t unknowns, int32_t band, int64_t rows)
     return unknowns * (band + 1 + B) + 2 * (unknowns + B) + (1 + 2 * PER_SIDE) * rows;
 }
 
-static int is_there(const side *o, int64_t r)
-{
-    return o->bound[r] * o->sign > -INFINITY;
-}
+static int is_there(const side *o, int64_t r) { return o->bound[r] * o->sign > -INFINITY; }
 
 static double product(const sj_arrow *p, int64_t r, const double *x)
 {
@@ -71,7 +68,8 @@ static void gather(const sj_arrow *p, int64_t r, double share, double *out)
 {
     const int32_t *at = p->at + r * W;
     const double *value = p->value + r * W;
-    for (int i = 0; i < W; i++) out[at[i]] += share * value[i];
+    for (int i = 0; i < W; i++)
+        out[at[i]] += share * value[i];
 }
 
 /* ---- the matrix of a step -------------------------------------------------------------------- */
@@ -100,8 +98,10 @@ static void assemble(work *w)
         }
         for (int i = 0; i < W; i++) {
             double s = o * value[i], *column = w->L + at[i] * stride - at[i];
-            if (value[i] == 0.0) continue;
-            for (int k = i; k < W; k++) column[at[k]] += s * value[k];
+            if (value[i] == 0.0)
+                continue;
+            for (int k = i; k < W; k++)
+                column[at[k]] += s * value[k];
             w->M[at[i] * B] += m0 * value[i];
             w->M[at[i] * B + 1] += m1 * value[i];
         }
@@ -115,17 +115,21 @@ static void factorise(work *w)
         double *column = w->L + j * stride, *m = w->M + j * B;
         double diagonal = column[0] + HOLD, over;
         int64_t depth = w->n - 1 - j < band ? w->n - 1 - j : band;
-        if (!(diagonal > 1e-300)) diagonal = 1e300;
+        if (!(diagonal > 1e-300))
+            diagonal = 1e300;
         column[0] = sqrt(diagonal);
         over = 1.0 / column[0];
-        for (int64_t i = 1; i <= depth; i++) column[i] *= over;
+        for (int64_t i = 1; i <= depth; i++)
+            column[i] *= over;
         m[0] *= over;
         m[1] *= over;
         for (int64_t i = 1; i <= depth; i++) {
             double s = column[i], *to = column + i * stride;
             const double *from = column + i;
-            if (s == 0.0) continue;
-            for (int64_t k = 0; k <= depth - i; k++) to[k] -= s * from[k];
+            if (s == 0.0)
+                continue;
+            for (int64_t k = 0; k <= depth - i; k++)
+                to[k] -= s * from[k];
             m[i * B] -= s * m[0];
             m[i * B + 1] -= s * m[1];
         }
@@ -146,7 +150,8 @@ static void solve(const work *w, double *x)
         const double *column = w->L + j * stride, *m = w->M + j * B;
         int64_t depth = n - 1 - j < band ? n - 1 - j : band;
         double s = x[j] /= column[0];
-        for (int64_t i = 1; i <= depth; i++) x[j + i] -= s * column[i];
+        for (int64_t i = 1; i <= depth; i++)
+            x[j + i] -= s * column[i];
         tail[0] -= s * m[0];
         tail[1] -= s * m[1];
     }
@@ -158,7 +163,8 @@ static void solve(const work *w, double *x)
         const double *column = w->L + j * stride, *m = w->M + j * B;
         int64_t depth = n - 1 - j < band ? n - 1 - j : band;
         double s = x[j] - m[0] * tail[0] - m[1] * tail[1];
-        for (int64_t i = 1; i <= depth; i++) s -= column[i] * x[j + i];
+        for (int64_t i = 1; i <= depth; i++)
+            s -= column[i] * x[j + i];
         x[j] = s / column[0];
     }
 }
@@ -171,7 +177,8 @@ static void evaluate(work *w)
     const double *tail = p->x + w->n;
     for (int64_t r = 0; r < p->rows; r++) {
         w->y[r] = product(p, r, p->x);
-        for (int k = 0; k < 2; k++) w->of[k].y[r] = w->y[r] + beside(&w->of[k], r, tail);
+        for (int k = 0; k < 2; k++)
+            w->of[k].y[r] = w->y[r] + beside(&w->of[k], r, tail);
     }
 }
 
@@ -201,13 +208,15 @@ static double look(work *w, double *wrong)
             double z = o->sign * o->z[r];
             o->over[r] = 1.0 / o->s[r];
             o->r[r] = is_there(o, r) ? o->sign * (o->y[r] - o->bound[r]) - o->s[r] : 0.0;
-            if (fabs(o->r[r]) > *wrong) *wrong = fabs(o->r[r]);
+            if (fabs(o->r[r]) > *wrong)
+                *wrong = fabs(o->r[r]);
             sum += o->s[r] * o->z[r];
             share -= z;
             tail[0] -= z * o->beside[r * B];
             tail[1] -= z * o->beside[r * B + 1];
         }
-        if (share != 0.0) gather(p, r, share, w->grad);
+        if (share != 0.0)
+            gather(p, r, share, w->grad);
     }
     return sum;
 }
@@ -217,7 +226,8 @@ static void direction(work *w)
 {
     const sj_arrow *p = w->p;
     double *tail = w->dx + w->n;
-    for (int64_t i = 0; i < w->n + B; i++) w->dx[i] = -w->grad[i];
+    for (int64_t i = 0; i < w->n + B; i++)
+        w->dx[i] = -w->grad[i];
     for (int64_t r = 0; r < p->rows; r++) {
         double share = 0.0;
         for (int k = 0; k < 2; k++) {
@@ -227,14 +237,16 @@ static void direction(work *w)
             tail[0] += q * o->beside[r * B];
             tail[1] += q * o->beside[r * B + 1];
         }
-        if (share != 0.0) gather(p, r, share, w->dx);
+        if (share != 0.0)
+            gather(p, r, share, w->dx);
     }
     solve(w, w->dx);
     for (int64_t r = 0; r < p->rows; r++) {
         double dy = product(p, r, w->dx);
         for (int k = 0; k < 2; k++) {
             side *o = &w->of[k];
-            if (o->z[r] == 0.0) continue;
+            if (o->z[r] == 0.0)
+                continue;
             o->ds[r] = o->sign * (dy + beside(o, r, tail)) + o->r[r];
             o->dz[r] = (o->c[r] - o->z[r] * o->ds[r]) * o->over[r];
         }
@@ -248,8 +260,10 @@ static double longest(const work *w)
     for (int k = 0; k < 2; k++) {
         const side *o = &w->of[k];
         for (int64_t r = 0; r < w->p->rows; r++) {
-            if (o->ds[r] * most < -o->s[r]) most = -o->s[r] / o->ds[r];
-            if (o->dz[r] * most < -o->z[r]) most = -o->z[r] / o->dz[r];
+            if (o->ds[r] * most < -o->s[r])
+                most = -o->s[r] / o->ds[r];
+            if (o->dz[r] * most < -o->z[r])
+                most = -o->z[r] / o->dz[r];
         }
     }
     return most;
@@ -263,7 +277,8 @@ static void advance(work *w, double sum, double bounds)
     assemble(w);
     factorise(w);
     for (int k = 0; k < 2; k++)
-        for (int64_t r = 0; r < p->rows; r++) w->of[k].c[r] = -w->of[k].s[r] * w->of[k].z[r];
+        for (int64_t r = 0; r < p->rows; r++)
+            w->of[k].c[r] = -w->of[k].s[r] * w->of[k].z[r];
     direction(w);
     if (bounds > 0.0) {
         step = fmin(1.0, longest(w));
@@ -277,12 +292,14 @@ static void advance(work *w, double sum, double bounds)
         for (int k = 0; k < 2; k++) {
             side *o = &w->of[k];
             for (int64_t r = 0; r < p->rows; r++)
-                if (o->z[r] > 0.0) o->c[r] += sigma * mu - o->ds[r] * o->dz[r];
+                if (o->z[r] > 0.0)
+                    o->c[r] += sigma * mu - o->ds[r] * o->dz[r];
         }
         direction(w);
     }
     step = fmin(1.0, BOUNDARY * longest(w));
-    for (int64_t i = 0; i < w->n + B; i++) p->x[i] += step * w->dx[i];
+    for (int64_t i = 0; i < w->n + B; i++)
+        p->x[i] += step * w->dx[i];
     for (int k = 0; k < 2; k++) {
         side *o = &w->of[k];
         for (int64_t r = 0; r < p->rows; r++) {
@@ -309,7 +326,8 @@ static void divide(work *w)
         o->sign = k == 0 ? 1.0 : -1.0;
         o->bound = k == 0 ? p->low : p->high;
         o->beside = k == 0 ? p->beside_low : p->beside_high;
-        for (int i = 0; i < PER_SIDE; i++) *column[i] = next, next += p->rows;
+        for (int i = 0; i < PER_SIDE; i++)
+            *column[i] = next, next += p->rows;
     }
 }
 
@@ -321,7 +339,8 @@ int32_t sj_arrow_solve(const sj_arrow *p)
     evaluate(&w);
     begin(&w, p->begin);
     for (int k = 0; k < 2; k++)
-        for (int64_t r = 0; r < p->rows; r++) bounds += is_there(&w.of[k], r);
+        for (int64_t r = 0; r < p->rows; r++)
+            bounds += is_there(&w.of[k], r);
     for (int32_t round = 0;; round++) {
         double wrong, sum = look(&w, &wrong), steep = 0.0, size = 1.0;
         for (int64_t i = 0; i < w.n + B; i++) {
@@ -329,10 +348,13 @@ int32_t sj_arrow_solve(const sj_arrow *p)
             size = fmax(size, fabs(p->gradient[i]));
         }
         p->told[0] = round, p->told[1] = wrong, p->told[2] = sum, p->told[3] = steep;
-        if (!(wrong < 1e300) || !(sum < 1e300)) return SJ_ARROW_LOST;
-        if (wrong <= 1e-3 * p->near && sum <= p->near && (steep <= 1e-6 * size || sum <= 1e-3 * p->near))
+        if (!(wrong < 1e300) || !(sum < 1e300))
+            return SJ_ARROW_LOST;
+        if (wrong <= 1e-3 * p->near && sum <= p->near &&
+            (steep <= 1e-6 * size || sum <= 1e-3 * p->near))
             return SJ_ARROW_OK;
-        if (round == p->most) return SJ_ARROW_MOST;
+        if (round == p->most)
+            return SJ_ARROW_MOST;
         advance(&w, sum, bounds);
     }
 }

@@ -13,15 +13,15 @@
  * s stays behind the time that is due. Limits are not linearised; only the moments are.
  * Never here: goals' times, cycles, memory of its own.
  */
-#include <math.h>   /* floor, fmin, fmax */
+#include <math.h> /* floor, fmin, fmax */
 #include <stddef.h>
 #include <stdint.h>
 #include <string.h> /* memset of sums */
 #include "trajectory/_horizon.h"
 
-static const double RIDGE = 1e-9;       /* weight of the distance to the given plan */
+static const double RIDGE = 1e-9; /* weight of the distance to the given plan */
 static const double ROOM = 1e-11, KEPT = 1e-9;
-static const double STILL = 1e-8;       /* a smaller difference has no direction */
+static const double STILL = 1e-8; /* a smaller difference has no direction */
 static const double TOLERANCE = 1e-9;
 static const double bezier[3][3] = {
     {1 / 6.0, 4 / 6.0, 1 / 6.0}, {0, 2 / 3.0, 1 / 3.0}, {0, 1 / 3.0, 2 / 3.0}};
@@ -30,8 +30,8 @@ static const double binomial[4][4] = {{1, 0, 0, 0}, {-1, 1, 0, 0}, {1, -2, 1, 0}
 /* The programme of joints first .. first + count - 1, in the caller's memory. */
 typedef struct {
     const sj_horizon *h;
-    int32_t first, count, block;        /* variables of a knot: count, and the progress */
-    double fixed;                       /* by how much what is given breaks a bound */
+    int32_t first, count, block; /* variables of a knot: count, and the progress */
+    double fixed;                /* by how much what is given breaks a bound */
     sj_qp qp;
     double *hessian, *gradient, *value, *lower, *upper, *x, *own, *work;
     int32_t *start, *column;
@@ -48,10 +48,7 @@ int64_t sj_horizon_doubles(int32_t joints, int32_t knots)
     return n * (band + 1) + 3 * n + 6 * m + sj_qp_doubles((int32_t)n, (int32_t)m, (int32_t)band);
 }
 
-int64_t sj_horizon_ints(int32_t joints, int32_t knots)
-{
-    return 5 * rows_of(joints, knots) + 1;
-}
+int64_t sj_horizon_ints(int32_t joints, int32_t knots) { return 5 * rows_of(joints, knots) + 1; }
 
 /* Variable of control point i = 0 .. knots + 4 of a joint, the first three and `ends` given: -1. */
 static int32_t variable_of(const problem *p, int32_t joint, int32_t i)
@@ -95,8 +92,8 @@ static int32_t segment_of(const sj_horizon *h, double moment, double *x)
 }
 
 /* weight (sum of coefficient c + rest)^2 into the objective; equal variables may come twice. */
-static void add_square(problem *p, const int32_t *variable, const double *coefficient, int32_t count,
-                       double rest, double weight)
+static void add_square(problem *p, const int32_t *variable, const double *coefficient,
+                       int32_t count, double rest, double weight)
 {
     int32_t wide = p->qp.band + 1;
     for (int32_t a = 0; a < count; a++) {
@@ -133,7 +130,7 @@ static void add_row(problem *p, int32_t joint, int32_t i, const double *coeffici
             }
         }
     }
-    if (entries == p->start[row]) {     /* nothing to choose: only possible where a short plan ends */
+    if (entries == p->start[row]) { /* nothing to choose: only possible where a short plan ends */
         if (h->ends)
             p->fixed = fmax(p->fixed, fmax(rest - upper, lower - rest));
         return;
@@ -179,9 +176,11 @@ static void add_limits(problem *p, int32_t joint)
     for (int32_t k = 0; k < h->knots; k++) {
         int32_t sign = h->direction[joint * h->knots + k];
         double own = difference(p, joint, k + 2);
-        if (h->strict && sign * own < -STILL)   /* the plan goes the other way there: that way, or not */
+        if (h->strict &&
+            sign * own < -STILL) /* the plan goes the other way there: that way, or not */
             sign = -sign;
-        add_row(p, joint, k + 2, binomial[1], 2, sign > 0 ? 0.0 : -limit[0], sign < 0 ? 0.0 : limit[0]);
+        add_row(p, joint, k + 2, binomial[1], 2, sign > 0 ? 0.0 : -limit[0],
+                sign < 0 ? 0.0 : limit[0]);
     }
     for (int32_t k = 0; k <= h->knots; k++)
         add_row(p, joint, k + 1, binomial[2], 3, -limit[2], limit[1]);
@@ -190,7 +189,7 @@ static void add_limits(problem *p, int32_t joint)
     if (is_monotone(h, joint))
         for (int32_t k = 0; k < h->knots; k++)
             add_row(p, joint, k + 3, binomial[0], 1, range[0], range[1]);
-    else                                /* Bezier points of each segment */
+    else /* Bezier points of each segment */
         for (int32_t k = 1; k <= h->knots + 1; k++)
             for (int32_t i = 0; i < 3; i++)
                 add_row(p, joint, k, bezier[i], 3, range[0], range[1]);
@@ -223,7 +222,7 @@ static void add_joint(problem *p, int32_t joint)
         for (int32_t a = 0; a < 4; a++)
             if ((variable[a] = variable_of(p, joint, k + a)) < 0)
                 rest += basis[a] * given(h, joint, k + a);
-        if (h->paced && k <= h->knots)  /* progress of knots k and k + 1, the present one's given */
+        if (h->paced && k <= h->knots) /* progress of knots k and k + 1, the present one's given */
             for (int32_t a = 0; a < 2; a++)
                 if (k + a >= 1 && k + a <= h->knots) {
                     variable[count] = (k + a - 1) * p->block + p->count;
@@ -296,8 +295,9 @@ static void share_out(problem *p, double *work, int32_t *ints)
     memset(p->hessian, 0, (size_t)(n * (p->qp.band + 1) + n) * sizeof *work);
 }
 
-static void solve(const sj_horizon *h, int32_t first, int32_t count, double *control, double *progress,
-                  double *share, double *work, int32_t *ints, int32_t most, sj_qp_result *result)
+static void solve(const sj_horizon *h, int32_t first, int32_t count, double *control,
+                  double *progress, double *share, double *work, int32_t *ints, int32_t most,
+                  sj_qp_result *result)
 {
     problem p = {.h = h, .first = first, .count = count, .block = count + h->paced};
     int32_t n = h->knots - h->ends;
@@ -322,7 +322,7 @@ static void solve(const sj_horizon *h, int32_t first, int32_t count, double *con
     }
     if (h->paced)
         add_progress(&p);
-    if (h->ends)                        /* not in any row: stays where it is */
+    if (h->ends) /* not in any row: stays where it is */
         for (int32_t j = 0; j < count; j++)
             p.hessian[(int64_t)(n * p.block + j) * (p.qp.band + 1) + p.qp.band] += 1.0;
     p.qp.hessian = p.hessian;

@@ -7,26 +7,26 @@
  * check (docs/explanation/trajectories.md), so waiting is always allowed.
  * The work of a cycle is bounded: SJ_PACE_CHECKS. Never here: drives, commands, memory of its own.
  */
-#include <float.h>  /* DBL_EPSILON */
-#include <math.h>   /* fabs, floor */
+#include <float.h> /* DBL_EPSILON */
+#include <math.h>  /* fabs, floor */
 #include <stddef.h>
 #include <stdint.h>
 #include <string.h> /* memcpy of positions */
 #include "planner/_planner.h"
 #include "trajectory/_pace.h"
 #include "base/_double_double.h" /* double-double sums */
-#include "base/_continuous.h" /* from samples to the continuous motion and back */
+#include "base/_continuous.h"    /* from samples to the continuous motion and back */
 
 enum {
-    RUNGS = 24,                         /* candidates from hard to soft */
-    SHARES = 4,                         /* of a change of speed that cannot be had at once */
-    TAIL = 3,                           /* cycles in which differences still feel a motion's end */
-    STRIDE = 128,                       /* cycles by which a stay above speed 1 is prolonged */
-    NEAR = 256,                         /* a stop that is further off need not be put off yet */
-    PATIENCE = 64,                      /* cycles until what was not found is looked for again */
-    DELAY = 2,                          /* cycles at least for a check longer than one cycle's */
+    RUNGS = 24,    /* candidates from hard to soft */
+    SHARES = 4,    /* of a change of speed that cannot be had at once */
+    TAIL = 3,      /* cycles in which differences still feel a motion's end */
+    STRIDE = 128,  /* cycles by which a stay above speed 1 is prolonged */
+    NEAR = 256,    /* a stop that is further off need not be put off yet */
+    PATIENCE = 64, /* cycles until what was not found is looked for again */
+    DELAY = 2,     /* cycles at least for a check longer than one cycle's */
     DELAYS = 1024,
-    SHORT = 16                          /* cycles of a change that need not be less */
+    SHORT = 16 /* cycles of a change that need not be less */
 };
 enum { IDLE, FIRST, STAY, SECOND, SETTLED };
 static const double WITHIN = 1.0 + 6e-10, HARDEST = 16.0, SOFTER = 0.75;
@@ -52,7 +52,8 @@ static void pace_step(sj_pace *pace)
 {
     sj_interpolator *s = &pace->s;
     sj_interpolator_step(s);
-    if (s->cycles_left == 0) { /* whole cycles into `origin`, so that s stays small and its bits fine */
+    if (s->cycles_left ==
+        0) { /* whole cycles into `origin`, so that s stays small and its bits fine */
         double whole = floor(s->q.hi);
         s->q = exact_subtract(s->q, exact_of(whole));
         pace->origin += (int64_t)whole;
@@ -120,10 +121,13 @@ static int32_t keeps(const sj_track *track, const sj_run *run, const double *pos
         double second = first - before, last = before - (x2 - x3), third = second - last;
         double now = second * (x - x2), then = last * (x1 - x3);
         broken |= !(fabs(first) <= most->velocity * WITHIN + noise);
-        broken |= !(fabs(second) <= most_of(now > 0.0, now < 0.0, most->acceleration,
-                                            most->deceleration) * WITHIN + noise);
+        broken |= !(fabs(second) <=
+                    most_of(now > 0.0, now < 0.0, most->acceleration, most->deceleration) * WITHIN +
+                        noise);
         broken |= !(fabs(third) <= most_of(now > 0.0 || then > 0.0, now < 0.0 || then < 0.0,
-                                           most->jerk, most->deceleration_jerk) * WITHIN + noise);
+                                           most->jerk, most->deceleration_jerk) *
+                                           WITHIN +
+                                       noise);
     }
     return !broken;
 }
@@ -181,13 +185,11 @@ static int32_t is_lean(const sj_player *player)
     double v = fmax(1.0, player->run.pace.s.v.hi);
     if (player->track.whole)
         return 0;
-    return known_ahead(player) < 0.6 * v * (v / soft.acceleration + soft.acceleration / soft.jerk) + NEAR;
+    return known_ahead(player) <
+           0.6 * v * (v / soft.acceleration + soft.acceleration / soft.jerk) + NEAR;
 }
 
-static int32_t moves(const sj_pace *pace)
-{
-    return pace->s.cycles_left > 0 || pace->s.v.hi != 0.0;
-}
+static int32_t moves(const sj_pace *pace) { return pace->s.cycles_left > 0 || pace->s.v.hi != 0.0; }
 
 /* ---- what to look for ------------------------------------------------------------------------ */
 
@@ -210,7 +212,8 @@ static int32_t wanted(const sj_player *player, double *to)
         return SJ_SEARCH_NONE; /* found; it begins in a moment */
     if (end > 1.0 && wish > 1.0)
         return wish == player->away && player->next_at - player->cycle < 2 * STRIDE
-                   ? SJ_SEARCH_STAY : SJ_SEARCH_NONE;
+                   ? SJ_SEARCH_STAY
+                   : SJ_SEARCH_NONE;
     if (end == 1.0 && wish > 1.0 && !is_lean(player))
         return settled && kind == SJ_SEARCH_NONE ? SJ_SEARCH_AWAY : SJ_SEARCH_NONE;
     wish = fmin(wish, 1.0);
@@ -225,7 +228,7 @@ static int32_t wanted(const sj_player *player, double *to)
         return SJ_SEARCH_CHANGE;
     if (!settled)
         return kind == SJ_SEARCH_NONE && player->run.pace.s.cycles_left > SHORT ? SJ_SEARCH_SOONER
-                                                                          : SJ_SEARCH_NONE;
+                                                                                : SJ_SEARCH_NONE;
     return end > 0.0 && wants_stop(player) ? SJ_SEARCH_STOP : SJ_SEARCH_NONE;
 }
 
@@ -236,7 +239,8 @@ static int32_t wanted(const sj_player *player, double *to)
 static void go_softer(const sj_player *player, sj_search *search)
 {
     int32_t rungs = search->kind == SJ_SEARCH_SOONER ? player->rung - 1 : RUNGS;
-    int32_t slower = search->kind == SJ_SEARCH_CHANGE && search->to < player->run.pace.s.goal_velocity;
+    int32_t slower =
+        search->kind == SJ_SEARCH_CHANGE && search->to < player->run.pace.s.goal_velocity;
     search->stage = IDLE;
     if (slower || search->kind == SJ_SEARCH_SOONER) {
         if (++search->share < SHARES)
@@ -360,8 +364,9 @@ static int32_t enter_stage(sj_player *player, int32_t *work)
 
     if (search->stage == FIRST && pace->s.cycles_left == 0) {
         search->stage = has_second(player) ? STAY : SETTLED;
-        search->left = search->stage == SETTLED ? TAIL
-                       : search->kind == SJ_SEARCH_AWAY ? STRIDE : 0;
+        search->left = search->stage == SETTLED         ? TAIL
+                       : search->kind == SJ_SEARCH_AWAY ? STRIDE
+                                                        : 0;
         search->reach = pace->origin + (int64_t)pace->s.q.hi + TAIL + 1;
     }
     if (search->stage == STAY && search->left == 0) {
@@ -475,7 +480,8 @@ static void look(sj_player *player)
         restart(player, kind, to);
     }
     if (search->stage != IDLE && search->begin < player->cycle) { /* more work than time: later */
-        int64_t cycles = search->first.s.cycles_left + (search->second_at < 0 ? 0 : search->second.s.cycles_left);
+        int64_t cycles = search->first.s.cycles_left +
+                         (search->second_at < 0 ? 0 : search->second.s.cycles_left);
         int64_t need = DELAY + 3 * cycles * player->track.axes / (2 * SJ_PACE_CHECKS);
         search->stage = IDLE;
         search->delay = need > 2 * search->delay ? need : 2 * search->delay;
@@ -576,8 +582,9 @@ static void take_next(sj_player *player)
     player->run.pace = player->next;
     player->next = player->after;
     player->next_at = player->after_at;
-    player->next_kind = player->after_at < 0 ? SJ_SEARCH_NONE
-                        : player->run.pace.s.goal_velocity > 1.0 ? SJ_SEARCH_AWAY : SJ_SEARCH_STOP;
+    player->next_kind = player->after_at < 0                     ? SJ_SEARCH_NONE
+                        : player->run.pace.s.goal_velocity > 1.0 ? SJ_SEARCH_AWAY
+                                                                 : SJ_SEARCH_STOP;
     player->after_at = -1;
 }
 
@@ -636,10 +643,7 @@ int32_t sj_player_step(sj_player *player)
 
 /* ---- what others ask ------------------------------------------------------------------------- */
 
-double sj_player_speed(const sj_player *player)
-{
-    return player->run.pace.s.v.hi;
-}
+double sj_player_speed(const sj_player *player) { return player->run.pace.s.v.hi; }
 
 int64_t sj_player_place(const sj_player *player, double *rest)
 {

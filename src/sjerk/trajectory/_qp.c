@@ -13,31 +13,31 @@
  * the method of multipliers. The band lets n variables cost n band^2. Bounded: no loop but over the
  * iterations given. Never here: what the variables mean, memory of its own.
  */
-#include <math.h>   /* fabs */
+#include <math.h> /* fabs */
 #include <stddef.h>
 #include <stdint.h>
 #include <string.h> /* memcpy of rows */
 #include "trajectory/_qp.h"
 
-static const double DELTA = 1e-7;       /* softness of an equality in one iteration */
-static const double RIDGE = 1e-11;      /* on the diagonal: a direction that nothing asks for stays */
-static const double ROOM = 0.05;        /* least distance to a bound of a cold start */
-static const double SHORT = 0.995;      /* share of the way to the nearest bound */
-static const double STILL = 1e-9;       /* a shorter step is none */
+static const double DELTA = 1e-7;  /* softness of an equality in one iteration */
+static const double RIDGE = 1e-11; /* on the diagonal: a direction that nothing asks for stays */
+static const double ROOM = 0.05;   /* least distance to a bound of a cold start */
+static const double SHORT = 0.995; /* share of the way to the nearest bound */
+static const double STILL = 1e-9;  /* a shorter step is none */
 
 /* What the solver remembers, in the caller's memory. */
 typedef struct {
     const sj_qp *qp;
-    double scale;                       /* of the objective: its largest second derivative becomes 1 */
-    double steepest;                    /* 1 + largest entry of its gradient */
-    double *factor;                     /* (n, band + 1) */
-    double *column;                     /* (band + 1,) of the factorisation */
-    double *row_scale;                  /* (m,): 1 / largest entry */
-    double *slope, *step;               /* (n,) */
-    double *at, *move;                  /* (m,): A x, A dx */
-    double *s, *t, *y, *z;              /* (m,) */
-    double *u, *v;                      /* (m,): what s y and t z are to become */
-    double *w;                          /* (m,): the diagonal of S */
+    double scale;          /* of the objective: its largest second derivative becomes 1 */
+    double steepest;       /* 1 + largest entry of its gradient */
+    double *factor;        /* (n, band + 1) */
+    double *column;        /* (band + 1,) of the factorisation */
+    double *row_scale;     /* (m,): 1 / largest entry */
+    double *slope, *step;  /* (n,) */
+    double *at, *move;     /* (m,): A x, A dx */
+    double *s, *t, *y, *z; /* (m,) */
+    double *u, *v;         /* (m,): what s y and t z are to become */
+    double *w;             /* (m,): the diagonal of S */
 } state;
 
 int64_t sj_qp_doubles(int32_t variables, int32_t rows, int32_t band)
@@ -49,8 +49,8 @@ int64_t sj_qp_doubles(int32_t variables, int32_t rows, int32_t band)
 static void share_out(state *q, const sj_qp *qp, double *work)
 {
     size_t n = (size_t)qp->variables, m = (size_t)qp->rows, b = (size_t)qp->band + 1;
-    double **vector[] = {&q->row_scale, &q->at, &q->move, &q->s, &q->t, &q->y, &q->z,
-                         &q->u, &q->v, &q->w};
+    double **vector[] = {&q->row_scale, &q->at, &q->move, &q->s, &q->t,
+                         &q->y,         &q->z,  &q->u,    &q->v, &q->w};
     q->qp = qp;
     q->factor = work;
     q->column = work + n * b;
@@ -137,7 +137,7 @@ static void factorise(state *q)
     for (int32_t k = 0; k < n; k++) {
         int32_t last = k + band < n ? k + band : n - 1;
         double *pivot = q->factor + k * wide + band;
-        if (!(*pivot > RIDGE * 1e-3))   /* lost to rounding: the variable stays in this iteration */
+        if (!(*pivot > RIDGE * 1e-3)) /* lost to rounding: the variable stays in this iteration */
             *pivot = 1e30;
         double over = 1.0 / *pivot;
         for (int32_t i = k + 1; i <= last; i++) {
@@ -399,7 +399,8 @@ void sj_qp_solve(const sj_qp *qp, double *x, double *work, int32_t most, double 
             aim(&q, fmax(share * share * share * gap, 0.1 * tolerance));
             newton(&q);
         }
-        if (!(largest(q.step, qp->variables) < 1e30)) { /* lost to rounding: the iterate before stands */
+        if (!(largest(q.step, qp->variables) <
+              1e30)) { /* lost to rounding: the iterate before stands */
             result->status = SJ_QP_STUCK;
             return;
         }

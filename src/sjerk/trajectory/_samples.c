@@ -42,7 +42,8 @@ int64_t sj_follow_sample(int64_t count, int64_t joints, const double *position,
         int64_t at = i * joints;
         sample(joints, position + at, position + at + joints, velocity + at, acceleration + at,
                last_jerk + at, length + 4 * i, jerk + 4 * at, out, row);
-        for (int p = 0; p < 4; p++) row += length[4 * i + p];
+        for (int p = 0; p < 4; p++)
+            row += length[4 * i + p];
     }
     return row;
 }

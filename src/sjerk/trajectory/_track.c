@@ -5,8 +5,8 @@
  * q(s) = P(s - 1/2) + 5/24 A(s - 1/2), which is the sample where s is whole (_segment.h).
  * docs/explanation/trajectories.md. Never here: when a place is passed, memory of its own, drives.
  */
-#include <float.h>  /* DBL_EPSILON */
-#include <math.h>   /* fabs, isfinite, sqrt */
+#include <float.h> /* DBL_EPSILON */
+#include <math.h>  /* fabs, isfinite, sqrt */
 #include <stddef.h>
 #include <stdint.h>
 #include <string.h> /* memcpy of rows */
@@ -88,8 +88,8 @@ static int32_t check_axis(const sj_track *track, int32_t k, const sj_track_axis 
     double from = track->way_point[k], n = (double)sum, J = in->last_jerk, idle = 1.0;
     double near_A = ROOM * most->jerk + NOISE * (most->acceleration + n * most->jerk);
     double near_V = ROOM * most->jerk + NOISE * (most->velocity + n * most->acceleration);
-    double near_P = ROOM * most->jerk +
-                    NOISE * (fabs(from) + fabs(in->position) + n * most->velocity);
+    double near_P =
+        ROOM * most->jerk + NOISE * (fabs(from) + fabs(in->position) + n * most->velocity);
     double amax = most->acceleration * (1.0 + ROOM), vmax = most->velocity * (1.0 + ROOM);
     int32_t ranged = isfinite(most->position_min) || isfinite(most->position_max);
     segment_state at = {segment_first(in->velocity, in->acceleration, in->last_jerk), in->velocity,
@@ -131,8 +131,8 @@ static int32_t check_axis(const sj_track *track, int32_t k, const sj_track_axis 
 
 static void keep_axis(sj_track *track, int32_t k, const sj_track_axis *in, const int64_t *cycles)
 {
-    double *row = track->row +
-                  ((track->first + track->count) % track->capacity) * COLUMNS * track->axes;
+    double *row =
+        track->row + ((track->first + track->count) % track->capacity) * COLUMNS * track->axes;
     segment_state at = {segment_first(in->velocity, in->acceleration, in->last_jerk), in->velocity,
                         in->acceleration};
     row[FROM * track->axes + k] = track->way_point[k];
@@ -214,8 +214,8 @@ static void shorten(sj_track *track, int64_t cycles)
                 J = row[(JERK + p) * track->axes + k];
                 at = segment_after(at, (double)segment->cycles[p], J);
             }
-        track->way_point[k] = row[FROM * track->axes + k] +
-                              (at.P - 0.5 * at.V + at.A / 3.0 - 0.125 * J);
+        track->way_point[k] =
+            row[FROM * track->axes + k] + (at.P - 0.5 * at.V + at.A / 3.0 - 0.125 * J);
         row[TO * track->axes + k] = track->way_point[k];
         track->velocity[k] = at.V;
         track->acceleration[k] = at.A;
@@ -289,8 +289,8 @@ static void next_phase(const sj_track *track, sj_cursor *cursor)
     double n = (double)(cursor->end - cursor->begin);
     if (n > 0.0)
         for (int32_t k = 0; k < track->axes; k++) {
-            segment_state end = segment_after(
-                (segment_state){cursor->P[k], cursor->V[k], cursor->A[k]}, n, J[k]);
+            segment_state end =
+                segment_after((segment_state){cursor->P[k], cursor->V[k], cursor->A[k]}, n, J[k]);
             cursor->P[k] = end.P;
             cursor->V[k] = end.V;
             cursor->A[k] = end.A;
@@ -342,8 +342,9 @@ void sj_cursor_position(const sj_track *track, const sj_cursor *cursor, double c
     const double *from = column_of(track, cursor->segment, FROM);
     const double *J = column_of(track, cursor->segment, JERK + cursor->phase);
     for (int32_t k = 0; k < track->axes; k++)
-        position[k] = from[k] + segment_between((segment_state){cursor->P[k], cursor->V[k],
-                                                                cursor->A[k]}, cycles, J[k]);
+        position[k] =
+            from[k] + segment_between((segment_state){cursor->P[k], cursor->V[k], cursor->A[k]},
+                                      cycles, J[k]);
 }
 
 void sj_cursor_sample(const sj_track *track, const sj_cursor *cursor, int64_t c,

@@ -19,6 +19,7 @@ from sjerk.drive.objects import DISABLED, Abort
 from sjerk.ports.canopen import NmtState, Node, SdoServer
 
 NODE = 5
+REV = 16777216
 
 
 @dataclass
@@ -32,7 +33,7 @@ class Frame:
 
 @dataclass
 class Wire:
-    """A node, the frames it sent, and the time."""
+    """A node whose PDOs come with each SYNC, the frames it sent, and the time."""
 
     now: float = 100.0
     sent: list[tuple[int, bytes]] = field(default_factory=list)
@@ -40,6 +41,9 @@ class Wire:
     def __post_init__(self) -> None:
         self.device = Device(Drive(), node_id=NODE)
         self.node = Node(self.device, lambda i, d: self.sent.append((i, d)), now=self.now)
+        for number in range(4):
+            self.write(0x1400 + number, 2, 1)
+            self.write(0x1800 + number, 2, 1)
 
     def put(self, identifier: int, data: bytes = b"", *, remote: bool = False) -> None:
         self.node.take(Frame(identifier, bytearray(data), is_remote_frame=remote), self.now)
@@ -237,6 +241,86 @@ def test_a_silent_master_is_a_lost_link() -> None:
     assert wire.take(0x85)[0][:3] == b"\x30\x81\x11"
 
 
+def test_one_new_heartbeat_clears_the_cause_of_a_lost_link() -> None:
+    """After 8130h: the first heartbeat that comes again is enough for a fault reset."""
+    wire = Wire()
+    wire.write(0x1016, 1, 1 << 16 | 100)
+    wire.put(0x701, b"\5")
+    wire.pass_time(0.2)
+    assert wire.device.feedback.state is DriveState.FAULT
+    wire.sync(0x80)
+    assert wire.device.feedback.state is DriveState.FAULT
+    wire.put(0x701, b"\5")
+    for word in (0, 0x80):
+        wire.write(0x6040, 0, word)
+        wire.sync()
+    assert wire.device.feedback.state is DriveState.SWITCH_ON_DISABLED
+
+
+def test_a_motor_does_not_wait_for_the_sync_of_a_master_that_is_lost() -> None:
+    """1016h: the heartbeat stays away before the silence of SYNC counts; 6007h acts at once."""
+    wire = Wire()
+    wire.write(0x1016, 1, 1 << 16 | 50)
+    wire.put(0x701, b"\5")
+    moving(wire, 1.0)
+    wire.pass_time(0.06)
+    assert wire.device.feedback.error_code == 0x8130
+    assert wire.device.feedback.velocity_actual < REV // 100
+
+
+def test_a_heartbeat_consumer_that_is_switched_off_watches_nothing() -> None:
+    """1016h = 0, or of no node: neither a new fault nor an old cause; node 129 is not node 1."""
+    wire = Wire()
+    wire.write(0x1016, 1, 1 << 16 | 100)
+    wire.put(0x701, b"\5")
+    wire.write(0x1016, 1, 0)
+    wire.pass_time(0.3)
+    assert wire.device.feedback.error_code == 0
+    wire.write(0x1016, 1, 129 << 16 | 100)
+    wire.put(0x701, b"\5")
+    wire.pass_time(0.3)
+    assert wire.device.feedback.error_code == 0
+    wire.write(0x1016, 1, 1 << 16 | 100)
+    wire.put(0x701, b"\5")
+    wire.pass_time(0.3)
+    assert wire.device.feedback.error_code == 0x8130
+    wire.write(0x1016, 1, 0)
+    wire.pass_time(0.01)
+    for word in (0, 0x80):
+        wire.write(0x6040, 0, word)
+        wire.sync()
+    assert wire.device.feedback.state is DriveState.SWITCH_ON_DISABLED
+
+
+@pytest.mark.parametrize(
+    ("index", "value", "taken"),
+    [
+        (0x1005, 0x40000080, False),  # bit 30: the drive would be the producer of SYNC
+        (0x1005, 0x20000080, False),  # bit 29: identifiers of 29 bits
+        (0x1005, 0x00000081, True),
+        (0x1005, 0x80000080, True),  # bit 31 does not care
+        (0x1014, 0x40000085, False),  # bit 30 is reserved
+        (0x1014, 0x20000085, False),
+        (0x1014, 0x80000085, True),  # bit 31: no emergencies
+    ],
+)
+def test_identifiers_of_sync_and_emergency_refuse_what_the_drive_does_not_do(
+    index: int, value: int, taken: bool
+) -> None:
+    """1005h and 1014h, 06090030h."""
+    wire = Wire()
+    answer = sdo(wire, 0x23, index & 0xFF, index >> 8, 0, *value.to_bytes(4, "little"))
+    assert (answer[0] == 0x60) is taken
+    if not taken:
+        assert abort_of(answer) == Abort.RANGE
+
+
+def test_the_defaults_of_the_pdos_are_those_of_the_profile() -> None:
+    """Type 255 (CiA 402): received at once, sent on change, without any SYNC."""
+    device = Device(Drive(), node_id=NODE)
+    assert {int(device.read(base + n, 2)) for base in (0x1400, 0x1800) for n in range(4)} == {255}
+
+
 def test_each_sync_is_a_period_and_a_tpdo() -> None:
     """Receive PDOs count from the SYNC on, transmit PDOs of type n come with every n-th."""
     wire = Wire()
@@ -318,18 +402,44 @@ def test_remote_frames_are_answered_where_allowed() -> None:
     assert wire.take(0x185) == [sampled]
 
 
-def test_process_data_of_wrong_length_is_an_emergency() -> None:
-    """Too short: 8210h and ignored; too long: 8220h and used."""
+def test_process_data_of_wrong_length_is_one_emergency() -> None:
+    """Too short: 8210h and ignored; too long: 8220h and used; once, with 1001h and 1003h, and
+    0000h when a right one comes.
+    """
+    for bad, code in ((b"\6\0", 0x8210), (struct.pack("<Hbi", 6, 8, 0) + b"\0", 0x8220)):
+        wire = Wire()
+        wire.put(0, bytes((1, 0)))
+        for _ in range(5):
+            wire.put(0x205, bad)
+            wire.sync()
+        assert wire.take(0x85) == [code.to_bytes(2, "little") + b"\x11" + bytes(5)]
+        assert (wire.device.read(0x1003, 0), wire.device.read(0x1003, 1)) == (1, code)
+        assert wire.device.read(0x1001) == 0x11
+        assert wire.device.read(0x6040) == (0 if code == 0x8210 else 6)
+        for _ in range(5):
+            wire.put(0x205, struct.pack("<Hbi", 6, 8, 0))
+            wire.sync()
+        assert wire.take(0x85) == [bytes(8)]
+        assert (wire.device.read(0x1003, 0), wire.device.read(0x1001)) == (1, 0)
+        wire.put(0x205, bad)
+        assert len(wire.take(0x85)) == 1
+        assert wire.device.read(0x1003, 0) == 2
+
+
+def test_a_fault_is_one_emergency_whatever_the_node_goes_through() -> None:
+    """Operational, stopped, pre-operational, reset of the communication: 8611h is told once."""
     wire = Wire()
-    wire.put(0, bytes((1, 0)))
-    wire.put(0x205, b"\6\0")
-    wire.sync()
-    assert wire.take(0x85)[0][:2] == b"\x10\x82"
-    assert wire.device.read(0x6040) == 0
-    wire.put(0x205, struct.pack("<Hbi", 6, 8, 0) + b"\0")
-    wire.sync()
-    assert wire.take(0x85)[0][:2] == b"\x20\x82"
-    assert wire.device.read(0x6040) == 6
+    wire.enable()
+    wire.write(0x6065, 0, 0)
+    wire.write(0x60B1, 0, REV)
+    for _ in range(20):
+        wire.sync()
+    for command in (2, 0x80, 1, 0x82, 1):
+        wire.put(0, bytes((command, NODE)))
+        wire.pass_time(0.05)
+    codes = [data[:2] for data in wire.take(0x85)]
+    assert codes == [b"\x11\x86"]
+    assert wire.device.read(0x1003, 0) == 1
 
 
 def test_no_process_data_before_operational() -> None:
@@ -352,14 +462,74 @@ def test_a_lost_sync_is_bridged_and_then_a_fault() -> None:
     assert wire.take(0x85)[0][:3] == b"\x00\x87\x11"
 
 
-def test_without_a_cycle_period_half_a_second_of_silence_is_a_lost_sync() -> None:
-    """1006h = 0 tolerates a slow master."""
+def test_without_a_cycle_period_a_silence_is_a_lost_sync() -> None:
+    """1006h = 0 tolerates a slow master for 2100h:7."""
     wire = Wire()
+    assert wire.device.read(0x2100, 7) == 500
     wire.enable()
     wire.pass_time(0.49)
     assert wire.device.feedback.follows
     wire.pass_time(0.02)
     assert wire.device.feedback.error_code == 0x8700
+
+
+def moving(wire: Wire, speed: float = 10.0) -> None:
+    """CSP at this many revolutions per second, SYNC each ms."""
+    wire.enable()
+    target = 0.0
+    for k in range(400):
+        target += speed * REV * 1e-3 * min(1.0, k / 300)
+        wire.put(0x701, b"\5")
+        wire.sync(0x0F, round(target))
+    assert wire.device.feedback.velocity_actual == pytest.approx(speed * REV, rel=0.01)
+
+
+@pytest.mark.parametrize("silence", [5, 50, 200, 500])
+@pytest.mark.parametrize("counter", [12, 0xFFFF])
+@pytest.mark.parametrize("reaction", [0, 1, 2])
+def test_a_motor_does_not_freeze_when_sync_stops(silence: int, counter: int, reaction: int) -> None:
+    """1006h = 0: all of the silence passes for the motor; it stops by 605Eh, or without a fault
+    (10F1h:2 = FFFFh) by 6085h. Never 606Ch at speed beside a 6064h that stands.
+    """
+    wire = Wire()
+    wire.write(0x2100, 7, silence)
+    wire.write(0x10F1, 2, counter)
+    wire.write(0x605E, 0, reaction)
+    moving(wire)
+    stopped = wire.now
+    before = last = wire.device.feedback.position_actual
+    while wire.now - stopped < 1.5:
+        wire.pass_time(1e-3)
+        feedback = wire.device.feedback
+        if wire.now - stopped > silence * 1e-3 + 2e-3:
+            travelled = (feedback.position_actual - last) * 1e3
+            assert feedback.velocity_actual == pytest.approx(travelled, abs=0.15 * REV)
+        last = feedback.position_actual
+    assert wire.device.drive.cycles >= 1500
+    assert (wire.device.feedback.error_code == 0x8700) is (counter == 12)
+    # bridged for 3 ms, then v^2 / 2a; friction alone brings a motor that coasts to rest
+    ramp = {1: 100.0, 2: 250.0}.get(reaction) if counter == 12 else 250.0
+    way = (wire.device.feedback.position_actual - before) / REV
+    if ramp is None:
+        assert way > 0.4
+    else:
+        assert way == pytest.approx(10.0 * 0.004 + 10.0**2 / (2 * ramp), abs=0.03)
+        assert abs(wire.device.feedback.velocity_actual) < REV / 100
+
+
+@pytest.mark.parametrize(("period", "found"), [(1e-3, 0), (1.1e-3, 0), (2e-3, 1), (0.5e-3, 1)])
+def test_sync_that_does_not_come_in_the_period_of_60c2_is_a_finding(
+    period: float, found: int
+) -> None:
+    """60C2h = 1 ms: told by bit 7 and 2101h:14, jitter of single SYNCs is not."""
+    wire = Wire()
+    wire.enable()
+    for k in range(40):
+        wire.now += period - 1e-3 + (2e-3 if k % 8 == 0 else 0.0)
+        wire.sync(0x0F)
+    assert (int(wire.device.read(0x2101, 14)) > 0) is bool(found)
+    assert bool(wire.device.feedback.statusword & 0x80) is bool(found)
+    assert (wire.device.drive.report().clean) is not bool(found)
 
 
 def test_without_any_sync_the_clock_runs_the_drive() -> None:

@@ -31,7 +31,8 @@ _MORE = struct.Struct("<ihH")  # 606Ch, 6077h, 603Fh
 class Master:
     """The drives of a kernel's external axes on one bus of python-can.
 
-    ``nodes``: node number by axis. The drives keep the default mapping of ``sjerk drive``.
+    ``nodes``: node number by axis. The drives keep the default mapping of ``sjerk drive``,
+    by SYNC.
     ``heartbeat``: seconds between the master's, watched by the drives for ``lost`` times that.
     ``abort_option``: 6007h of the drives, what they do without their master (1 fault, 2 disable
     voltage, 3 quick stop). Raises ``InputError`` for nodes and cycle times that cannot be,
@@ -71,6 +72,8 @@ class Master:
             sdo.write(0x60C2, 1, struct.pack("<B", value))
             sdo.write(0x60C2, 2, struct.pack("<b", power))
             sdo.write(0x6007, 0, struct.pack("<h", abort_option))
+            for index in (0x1400, 0x1800, 0x1801):
+                sdo.write(index, 2, b"\1")  # with each SYNC
             sdo.write(0x1801, 1, struct.pack("<I", 0x40000280 + node))
             sdo.write(0x1016, 1, struct.pack("<I", watch))
         self._beat()

@@ -11,6 +11,7 @@ Never here: what an object means, the drive's states.
 from __future__ import annotations
 
 import enum
+import statistics
 import time
 from collections.abc import Callable
 from typing import Any
@@ -20,10 +21,12 @@ from sjerk.drive.objects import DISABLED, PDOS
 from sjerk.ports.canopen.frames import Frame, Send
 from sjerk.ports.canopen.sdo import SdoServer
 
-SYNC_GRACE_S = 0.5
-"""Silence after which SYNC counts as missed when 1006h gives no cycle period."""
 CATCH_UP_S = 0.05
-"""Most of the past that the clock makes up for when no SYNC comes."""
+"""Most of the past that the clock makes up for in a drive that no SYNC has led."""
+CATCH_UP_SYNCED_S = 2.0
+"""The same in a drive that moves when SYNC stays away: its motor has turned on meanwhile."""
+SYNCS_COMPARED = 16
+"""Intervals between SYNCs whose median is compared with 60C2h."""
 
 _PDO_LENGTH_SHORT, _PDO_LENGTH_LONG = 0x8210, 0x8220
 
@@ -70,8 +73,14 @@ class Node:
         self._state: DriveState | None = None
         self._heartbeat_due = now
         self._master_due: float | None = None
+        self._master_lost = False
         self._synced = False
+        self._lived = now
+        self._patience = 0.0
         self._cycle_due = now
+        self._synced_at: float | None = None
+        self._intervals: list[float] = []
+        self._bad_lengths: dict[int, int] = {}
         self._sync_counts = [0] * PDOS
         self._pending: dict[int, bytes] = {}
         self._sent: list[bytes | None] = [None] * PDOS
@@ -113,6 +122,7 @@ class Node:
         if response[0] == 0x60 and response[1:4] == b"\x40\x60\x00" and not self._synced:
             self.device.cycle()
             self._after_cycle()
+            self._lived = now
             self._cycle_due = now + self.device.drive.config.period_s
         self._send(0x580 + self.device.node_id, response)
 
@@ -136,26 +146,55 @@ class Node:
                 return
         self._pending.clear()
         # a stopped node has no master: 6007h decides
-        self.device.drive.inject(DriveFault.LOST_LINK, self.nmt == NmtState.STOPPED)
+        lost = self._master_lost or self.nmt == NmtState.STOPPED
+        self.device.drive.inject(DriveFault.LOST_LINK, lost)
 
     def _boot(self, now: float) -> None:
         self._sdo = SdoServer(self.device)
         self._synced = False
-        self._cycle_due = now
+        self._lived = self._cycle_due = now
+        self._patience = 0.0
+        self._synced_at = None
+        self._intervals.clear()
+        self._bad_lengths.clear()
+        self.device.end_errors()
+        self._error = self.device.feedback.error_code
         self._heartbeat_due = now
         self._master_due = None
+        self._master_lost = False
         self._pending.clear()
         self.device.drive.inject(DriveFault.LOST_LINK, False)
         self.nmt = NmtState.PRE_OPERATIONAL
         self._send(0x700 + self.device.node_id, b"\0")
         self._after_cycle()
 
+    def _watched(self) -> tuple[int, float]:
+        """Node of the master and seconds after which its silence counts; (0, 0.0): none."""
+        word = int(self.device.read(0x1016, 1))
+        node, time_s = word >> 16 & 0xFF, (word & 0xFFFF) * 1e-3
+        return (node, time_s) if 1 <= node <= 127 and time_s else (0, 0.0)
+
     def _heard(self, node: int, now: float) -> None:
-        watched = int(self.device.read(0x1016, 1))
-        if watched >> 16 & 0x7F == node and watched & 0xFFFF:
-            if self._master_due is not None and self.nmt != NmtState.STOPPED:
-                self.device.drive.inject(DriveFault.LOST_LINK, False)
-            self._master_due = now + (watched & 0xFFFF) * 1e-3
+        watched, time_s = self._watched()
+        if node == watched:
+            self._master_due = now + time_s
+            self._find_master()
+
+    def _find_master(self) -> None:
+        """The cause of a lost link is gone, unless the node is stopped."""
+        if self._master_lost and self.nmt != NmtState.STOPPED:
+            self.device.drive.inject(DriveFault.LOST_LINK, False)
+        self._master_lost = False
+
+    def _watch_master(self, now: float) -> None:
+        if self._watched() == (0, 0.0):
+            self._master_due = None
+            self._find_master()
+        elif self._master_due is not None and self._master_due <= now:
+            self._master_due = None
+            self._master_lost = True
+            self._cycle_due = now  # no use to wait for its SYNC
+            self.device.drive.inject(DriveFault.LOST_LINK)
 
     def _process_data(self, identifier: int, data: bytes) -> None:
         for number in range(PDOS):
@@ -163,15 +202,28 @@ class Node:
             if word & DISABLED or word & 0x7FF != identifier:
                 continue
             length = self.device.length(number, receive=True)
+            self._judge_length(number, len(data) - length)
             if len(data) < length:
-                self._emergency(_PDO_LENGTH_SHORT)
                 return
-            if len(data) > length:
-                self._emergency(_PDO_LENGTH_LONG)
             if kind <= 240:
                 self._pending[number] = data
             else:
                 self.device.receive(number, data)
+
+    def _judge_length(self, number: int, more: int) -> None:
+        """An emergency when a receive PDO begins to have a wrong length, and when that is over."""
+        code = _PDO_LENGTH_SHORT if more < 0 else _PDO_LENGTH_LONG if more > 0 else 0
+        if code == self._bad_lengths.get(number, 0):
+            return
+        if code:
+            self._bad_lengths[number] = code
+            self.device.report_error(code)
+            self._emergency(code)
+            return
+        del self._bad_lengths[number]
+        if not self._bad_lengths:
+            self.device.end_errors()
+        self._emergency(0)
 
     def _remote(self, identifier: int, now: float) -> None:
         if self.nmt != NmtState.OPERATIONAL:
@@ -190,9 +242,12 @@ class Node:
     def _sync(self, now: float) -> None:
         if self.nmt == NmtState.STOPPED:
             return
+        self._see_interval(now)
         self._synced = True
-        period = int(self.device.read(0x1006)) * 1.5e-6
-        self._cycle_due = now + (period or SYNC_GRACE_S)
+        self._lived = now
+        cycle = int(self.device.read(0x1006)) * 1e-6
+        self._patience = 0.5 * cycle
+        self._cycle_due = now + (1.5 * cycle or int(self.device.read(0x2100, 7)) * 1e-3)
         for number, data in self._pending.items():
             self.device.receive(number, data)
         self._pending.clear()
@@ -214,20 +269,40 @@ class Node:
                     self._sync_counts[number] = 0
                     self._transmit(number, now)
 
+    def _see_interval(self, now: float) -> None:
+        """Hold 60C2h against the SYNCs that come, by their median, while the drive is enabled."""
+        if self._synced_at is not None:
+            self._intervals.append(now - self._synced_at)
+        self._synced_at = now
+        if self.device.feedback.state is not DriveState.OPERATION_ENABLED:
+            self._intervals.clear()
+        elif len(self._intervals) == SYNCS_COMPARED:
+            self.device.drive.see_period(statistics.median(self._intervals))
+            self._intervals.clear()
+
+    def _live_on(self, now: float) -> None:
+        """The periods that have passed without SYNC: missed ones where SYNC led an enabled drive.
+
+        All of them since the last SYNC: the motor does not wait until the silence counts.
+        """
+        device = self.device
+        longest = CATCH_UP_SYNCED_S if self._synced else CATCH_UP_S
+        self._lived = max(self._lived, now - longest)
+        period = device.drive.config.period_s
+        while self._lived + period + self._patience <= now + 1e-9:
+            if device.feedback.state is not DriveState.OPERATION_ENABLED:
+                self._synced, self._patience = False, 0.0
+            device.cycle(sync_missed=self._synced)
+            self._after_cycle()
+            self._lived += period
+        self._cycle_due = self._lived + period + self._patience
+
     def tick(self, now: float) -> float:
         """Do what is due by the time `now`; returns the time when something is due next."""
         device = self.device
-        if self._cycle_due <= now - CATCH_UP_S:
-            self._cycle_due = now
-        while self._cycle_due <= now:
-            enabled = device.feedback.state is DriveState.OPERATION_ENABLED
-            self._synced = self._synced and enabled
-            device.cycle(sync_missed=self._synced)
-            self._after_cycle()
-            self._cycle_due += device.drive.config.period_s
-        if self._master_due is not None and self._master_due <= now:
-            self._master_due = None
-            device.drive.inject(DriveFault.LOST_LINK)
+        self._watch_master(now)
+        if self._cycle_due <= now:
+            self._live_on(now)
         interval = int(device.read(0x1017)) * 1e-3
         if interval and self._heartbeat_due <= now:
             self._send(0x700 + device.node_id, bytes((self.nmt,)))
@@ -266,7 +341,7 @@ class Node:
 
     def _after_cycle(self) -> None:
         feedback = self.device.feedback
-        if feedback.error_code != self._error:
+        if feedback.error_code != self._error and self.nmt != NmtState.STOPPED:
             self._error = feedback.error_code
             self._emergency(self._error)
         if feedback.state is not self._state:
@@ -277,7 +352,7 @@ class Node:
     def _emergency(self, code: int) -> None:
         word = int(self.device.read(0x1014))
         if self.nmt in (NmtState.PRE_OPERATIONAL, NmtState.OPERATIONAL) and not word & DISABLED:
-            register = self.device.feedback.error_register
+            register = int(self.device.read(0x1001))
             self._send(word & 0x7FF, code.to_bytes(2, "little") + bytes((register,)) + bytes(5))
 
     # ---- a bus ----

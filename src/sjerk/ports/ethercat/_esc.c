@@ -13,12 +13,17 @@
 #include "ports/ethercat/_words.h"
 
 enum {
-    SM_MAILBOX = 2, SM_MODE = 3,        /* control, bits 0-1 */
-    SM_WRITTEN = 4, SM_DIRECTION = 12,  /* control, bits 2-3: by the main device */
-    SM_FULL = 8,                        /* status */
-    SM_ACTIVE = 1, SM_REPEAT = 2,       /* activate */
-    SM_CLOSED = 1,                      /* PDI control */
-    SII_READ = 1, SII_WRITE = 2, SII_RELOAD = 4
+    SM_MAILBOX = 2,
+    SM_MODE = 3, /* control, bits 0-1 */
+    SM_WRITTEN = 4,
+    SM_DIRECTION = 12, /* control, bits 2-3: by the main device */
+    SM_FULL = 8,       /* status */
+    SM_ACTIVE = 1,
+    SM_REPEAT = 2, /* activate */
+    SM_CLOSED = 1, /* PDI control */
+    SII_READ = 1,
+    SII_WRITE = 2,
+    SII_RELOAD = 4
 };
 
 void sj_esc_init(sj_esc *esc)
@@ -169,10 +174,7 @@ static int write_managed(sj_line *line, sj_esc *esc, int k, uint32_t address, co
     return 1;
 }
 
-static int within(uint32_t x, uint32_t first, uint32_t end)
-{
-    return x >= first && x < end;
-}
+static int within(uint32_t x, uint32_t first, uint32_t end) { return x >= first && x < end; }
 
 /* Registers that only the device itself writes. */
 static int fixed(const sj_esc *esc, uint32_t x)
@@ -224,7 +226,7 @@ static void write_byte(sj_esc *esc, uint32_t x, uint8_t value)
     uint8_t *memory = esc->memory;
     if (within(x, REG_SM, REG_SM + 8 * SM_COUNT) && (x & 7) == 6) {
         const uint8_t changed = memory[x] ^ value;
-        if (changed & SM_ACTIVE) {                              /* (de)activated: empty */
+        if (changed & SM_ACTIVE) { /* (de)activated: empty */
             const uint32_t k = (x - REG_SM) / 8;
             memory[x - 1] = 0;
             if (k == 2)
@@ -245,7 +247,8 @@ static void write_registers(sj_line *line, sj_esc *esc, uint32_t address, const 
     const uint32_t end = address + count;
     for (uint32_t i = 0; i < count; i++) {
         const uint32_t x = address + i;
-        const uint8_t value = mask ? (uint8_t)((memory[x] & ~mask[i]) | (data[i] & mask[i])) : data[i];
+        const uint8_t value =
+            mask ? (uint8_t)((memory[x] & ~mask[i]) | (data[i] & mask[i])) : data[i];
         if (within(x, 0x0300, 0x0314))
             memset(memory + 0x0300, 0, 0x14);
         else if (x == 0x0442 || x == 0x0443)

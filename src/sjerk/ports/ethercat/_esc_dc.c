@@ -14,18 +14,18 @@
 #include "ports/ethercat/_words.h"
 
 enum {
-    SYNC_SHORTEST = 50000,              /* ns; a shorter SYNC0 cycle is ignored */
-    LOOP_STEP = 4096,                   /* ns; most of a deviation that one step of the loop sees */
-    LOOP_SHARE = 4,                     /* this part of it at once */
-    FILTER = 16,                        /* depth of 092Ch */
-    SKIP = 100,                         /* periods behind: the clock was set, not late */
-    SILENCE = 10,                       /* periods without outputs: the local clock goes on */
-    LONGEST_SLEEP = 50000000            /* ns */
+    SYNC_SHORTEST = 50000,   /* ns; a shorter SYNC0 cycle is ignored */
+    LOOP_STEP = 4096,        /* ns; most of a deviation that one step of the loop sees */
+    LOOP_SHARE = 4,          /* this part of it at once */
+    FILTER = 16,             /* depth of 092Ch */
+    SKIP = 100,              /* periods behind: the clock was set, not late */
+    SILENCE = 10,            /* periods without outputs: the local clock goes on */
+    LONGEST_SLEEP = 50000000 /* ns */
 };
-#define LOOP_RATE 2e-10                 /* of a deviation in ns, per step, into the rate */
-#define LOOP_DAMPING 0.05               /* most that one step's rate may add until the next */
-#define DEVIATION_LEAST 1e-6            /* ns; less is none */
-#define RATE_LIMIT 1e-3                 /* no oscillator is that far off */
+#define LOOP_RATE       2e-10 /* of a deviation in ns, per step, into the rate */
+#define LOOP_DAMPING    0.05  /* most that one step's rate may add until the next */
+#define DEVIATION_LEAST 1e-6  /* ns; less is none */
+#define RATE_LIMIT      1e-3  /* no oscillator is that far off */
 
 static int64_t local_time(const sj_esc *esc, int64_t now)
 {
@@ -39,15 +39,12 @@ static int64_t loop_time(const sj_esc *esc, int64_t now)
     return plus(esc->trim_ns, (int64_t)((double)minus(now, esc->trimmed_ns) * esc->rate));
 }
 
-static int wide(const sj_esc *esc)
-{
-    return (esc->memory[8] & DC_64_BITS) != 0;
-}
+static int wide(const sj_esc *esc) { return (esc->memory[8] & DC_64_BITS) != 0; }
 
 int64_t sj_esc_system_time(const sj_esc *esc, int64_t now)
 {
-    const int64_t time = plus(plus(local_time(esc, now), get64(esc->memory + REG_OFFSET)),
-                              loop_time(esc, now));
+    const int64_t time =
+        plus(plus(local_time(esc, now), get64(esc->memory + REG_OFFSET)), loop_time(esc, now));
     return wide(esc) ? time : (int64_t)((uint64_t)time & 0xFFFFFFFF);
 }
 
@@ -79,9 +76,8 @@ void sj_esc_reset_loop(sj_esc *esc)
 void sj_esc_follow_clock(sj_esc *esc, const uint8_t *data, uint32_t count, int64_t now)
 {
     const int64_t mine = minus(sj_esc_system_time(esc, now), get32(esc->memory + REG_DELAY));
-    const int64_t off = count >= 8 && wide(esc)
-                            ? minus(mine, get64(data))
-                            : (int32_t)((uint32_t)(uint64_t)mine - get32(data));
+    const int64_t off = count >= 8 && wide(esc) ? minus(mine, get64(data))
+                                                : (int32_t)((uint32_t)(uint64_t)mine - get32(data));
     const int64_t step = off > LOOP_STEP ? LOOP_STEP : off < -LOOP_STEP ? -LOOP_STEP : off;
     const double since = (double)minus(now, esc->trimmed_ns);
     double turn = LOOP_RATE;
@@ -95,7 +91,7 @@ void sj_esc_follow_clock(sj_esc *esc, const uint8_t *data, uint32_t count, int64
     esc->deviation_ns += ((double)off - esc->deviation_ns) / FILTER;
     double size = esc->deviation_ns < 0.0 ? -esc->deviation_ns : esc->deviation_ns;
     if (size < DEVIATION_LEAST)
-        esc->deviation_ns = size = 0.0;                         /* no subnormal numbers: slow */
+        esc->deviation_ns = size = 0.0; /* no subnormal numbers: slow */
     if (size > 2147483647.0)
         size = 2147483647.0;
     put32(esc->memory + REG_DEVIATION,
@@ -128,7 +124,7 @@ void sj_esc_start_sync(sj_esc *esc, int64_t now)
     int64_t late = gap(esc, first, time);
     if (period == 0)
         return;
-    if (late > far || late < -far) {                            /* a start that is no time */
+    if (late > far || late < -far) { /* a start that is no time */
         first = time;
         late = 0;
     }
@@ -167,8 +163,7 @@ static int free_running(const sj_esc *esc, int64_t now)
 {
     if (esc->sync_source == SJ_SYNC_FREE || (esc->memory[REG_AL_STATUS] & 15) < AL_SAFEOP)
         return 1;
-    return esc->sync_source == SJ_SYNC_SM &&
-           minus(now, esc->output_ns) > SILENCE * esc->period_ns;
+    return esc->sync_source == SJ_SYNC_SM && minus(now, esc->output_ns) > SILENCE * esc->period_ns;
 }
 
 static void local_events(sj_esc *esc, int64_t now)
@@ -219,10 +214,7 @@ void sj_line_advance(sj_line *line, int64_t now)
     }
 }
 
-static int64_t earlier(int64_t a, int64_t b)
-{
-    return a < b ? a : b;
-}
+static int64_t earlier(int64_t a, int64_t b) { return a < b ? a : b; }
 
 int64_t sj_line_due(const sj_line *line, int64_t now)
 {

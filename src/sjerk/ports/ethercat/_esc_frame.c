@@ -15,13 +15,30 @@
 #include "ports/ethercat/_words.h"
 
 enum {
-    APRD = 1, APWR, APRW, FPRD, FPWR, FPRW, BRD, BWR, BRW, LRD, LWR, LRW, ARMW, FRMW,
-    ETHERNET = 14, FIRST = 16, HEADER = 10, SHORTEST = 28, DATA = 1500
+    APRD = 1,
+    APWR,
+    APRW,
+    FPRD,
+    FPWR,
+    FPRW,
+    BRD,
+    BWR,
+    BRW,
+    LRD,
+    LWR,
+    LRW,
+    ARMW,
+    FRMW,
+    ETHERNET = 14,
+    FIRST = 16,
+    HEADER = 10,
+    SHORTEST = 28,
+    DATA = 1500
 };
 
 typedef struct {
     int command;
-    uint8_t *head;                      /* of the datagram */
+    uint8_t *head; /* of the datagram */
     uint8_t *data;
     uint32_t count;
 } datagram;
@@ -95,17 +112,21 @@ static int physical(sj_line *line, sj_esc *esc, const datagram *d, int addressed
     uint8_t sent[DATA];
     int done;
     switch (d->command) {
-    case APRD: case FPRD: case BRD:
-        return addressed ? read_over(esc, d, offset, d->command == BRD, now) : 0;
-    case APWR: case FPWR: case BWR:
-        return addressed ? sj_esc_write(line, esc, offset, d->data, NULL, d->count, now) : 0;
-    case APRW: case FPRW: case BRW:
+    case APRD:
+    case FPRD:
+    case BRD: return addressed ? read_over(esc, d, offset, d->command == BRD, now) : 0;
+    case APWR:
+    case FPWR:
+    case BWR: return addressed ? sj_esc_write(line, esc, offset, d->data, NULL, d->count, now) : 0;
+    case APRW:
+    case FPRW:
+    case BRW:
         if (!addressed)
             return 0;
         memcpy(sent, d->data, d->count);
         done = read_over(esc, d, offset, d->command == BRW, now);
         return done + 2 * sj_esc_write(line, esc, offset, sent, NULL, d->count, now);
-    default:                                                    /* ARMW, FRMW */
+    default: /* ARMW, FRMW */
         return addressed ? read_over(esc, d, offset, 0, now)
                          : sj_esc_write(line, esc, offset, d->data, NULL, d->count, now);
     }
@@ -116,22 +137,28 @@ static int visit(sj_line *line, sj_esc *esc, const datagram *d, int64_t now)
 {
     const uint16_t station = get16(d->head + 2);
     switch (d->command) {
-    case APRD: case APWR: case APRW: case ARMW:
+    case APRD:
+    case APWR:
+    case APRW:
+    case ARMW:
         put16(d->head + 2, (uint16_t)(station + 1));
         return physical(line, esc, d, station == 0, now);
-    case FPRD: case FPWR: case FPRW: case FRMW:
+    case FPRD:
+    case FPWR:
+    case FPRW:
+    case FRMW:
         return physical(line, esc, d,
                         station == get16(esc->memory + REG_STATION) ||
                             ((esc->memory[REG_DL_CONTROL + 3] & 1) &&
                              station == get16(esc->memory + REG_ALIAS)),
                         now);
-    case BRD: case BWR: case BRW:
-        put16(d->head + 2, (uint16_t)(station + 1));
-        return physical(line, esc, d, 1, now);
-    case LRD: case LWR: case LRW:
-        return logical(line, esc, d, now);
-    default:
-        return 0;
+    case BRD:
+    case BWR:
+    case BRW: put16(d->head + 2, (uint16_t)(station + 1)); return physical(line, esc, d, 1, now);
+    case LRD:
+    case LWR:
+    case LRW: return logical(line, esc, d, now);
+    default: return 0;
     }
 }
 
@@ -171,8 +198,8 @@ int32_t sj_line_frame(sj_line *line, uint8_t *frame, int32_t length, int64_t now
         uint16_t counter = get16(d.data + count);
         for (int i = 0; i < line->cut; i++)
             if (!line->devices[i].silent)
-                counter = (uint16_t)(counter + visit(line, line->devices + i, &d,
-                                                     now + i * line->hop_ns));
+                counter = (uint16_t)(counter +
+                                     visit(line, line->devices + i, &d, now + i * line->hop_ns));
         if (damage && d.command >= LRD && d.command <= LRW) {
             counter = (uint16_t)(counter - 1);
             line->damaged++;

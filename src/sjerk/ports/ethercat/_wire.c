@@ -7,23 +7,20 @@
  */
 #define _GNU_SOURCE
 #include <errno.h>
-#include <net/if.h>          /* if_nametoindex */
-#include <poll.h>            /* ppoll */
+#include <net/if.h> /* if_nametoindex */
+#include <poll.h>   /* ppoll */
 #include <stddef.h>
 #include <stdint.h>
 #include <string.h>
 #include <sys/socket.h>
 #include <linux/if_packet.h> /* sockaddr_ll */
 #include <time.h>
-#include <unistd.h>          /* close */
+#include <unistd.h> /* close */
 #include "ports/ethercat/_wire.h"
 
 enum { ETHERTYPE = 0x88A4, SECOND = 1000000000, CONTROL = 256, ROOM = 2048 };
 
-static int64_t of(const struct timespec *t)
-{
-    return (int64_t)t->tv_sec * SECOND + t->tv_nsec;
-}
+static int64_t of(const struct timespec *t) { return (int64_t)t->tv_sec * SECOND + t->tv_nsec; }
 
 static int64_t read_clock(clockid_t clock)
 {
@@ -32,15 +29,13 @@ static int64_t read_clock(clockid_t clock)
     return of(&t);
 }
 
-int64_t sj_wire_now(void)
-{
-    return read_clock(CLOCK_MONOTONIC);
-}
+int64_t sj_wire_now(void) { return read_clock(CLOCK_MONOTONIC); }
 
 int32_t sj_wire_open(const char *interface_name)
 {
     struct sockaddr_ll address = {.sll_family = AF_PACKET,
-                                  .sll_protocol = (uint16_t)(ETHERTYPE >> 8 | (ETHERTYPE & 255) << 8)};
+                                  .sll_protocol =
+                                      (uint16_t)(ETHERTYPE >> 8 | (ETHERTYPE & 255) << 8)};
     const int one = 1;
     const unsigned index = if_nametoindex(interface_name);
     if (index == 0)
@@ -59,10 +54,7 @@ int32_t sj_wire_open(const char *interface_name)
     return fd;
 }
 
-void sj_wire_close(int32_t socket)
-{
-    close(socket);
-}
+void sj_wire_close(int32_t socket) { close(socket); }
 
 /* When the message came, as CLOCK_MONOTONIC; `now` without a time stamp. */
 static int64_t arrival(struct msghdr *message, int64_t now)
@@ -72,7 +64,7 @@ static int64_t arrival(struct msghdr *message, int64_t now)
             struct timespec stamp;
             memcpy(&stamp, CMSG_DATA(c), sizeof stamp);
             const int64_t age = read_clock(CLOCK_REALTIME) - of(&stamp);
-            return age > 0 && age < SECOND ? now - age : now;   /* the wall clock may have been set */
+            return age > 0 && age < SECOND ? now - age : now; /* the wall clock may have been set */
         }
     return now;
 }
@@ -96,9 +88,14 @@ static int32_t with_events(const sj_line *line)
 static int32_t serve_frame(sj_line *line, int32_t fd)
 {
     uint8_t frame[ROOM];
-    union { uint8_t bytes[CONTROL]; struct cmsghdr align; } control;
+    union {
+        uint8_t bytes[CONTROL];
+        struct cmsghdr align;
+    } control;
     struct iovec part = {frame, sizeof frame};
-    struct msghdr message = {.msg_iov = &part, .msg_iovlen = 1, .msg_control = control.bytes,
+    struct msghdr message = {.msg_iov = &part,
+                             .msg_iovlen = 1,
+                             .msg_control = control.bytes,
                              .msg_controllen = sizeof control.bytes};
     const ssize_t length = recvmsg(fd, &message, MSG_DONTWAIT);
     if (length < 0)
@@ -127,12 +124,13 @@ int32_t sj_wire_serve(sj_line *line, int32_t fd, int64_t until)
             due = until;
         if (due > now) {
             struct pollfd wanted = {fd, POLLIN, 0};
-            const struct timespec wait = {(time_t)((due - now) / SECOND), (long)((due - now) % SECOND)};
+            const struct timespec wait = {(time_t)((due - now) / SECOND),
+                                          (long)((due - now) % SECOND)};
             if (ppoll(&wanted, 1, &wait, NULL) < 0 && errno != EINTR)
                 return -1 - errno;
         }
         for (;;) {
-            const int64_t before = sj_wire_now();       /* no frame that comes later is older */
+            const int64_t before = sj_wire_now(); /* no frame that comes later is older */
             const int32_t served = serve_frame(line, fd);
             if (served < 0)
                 return served;

@@ -1,0 +1,116 @@
+"""Drives outside the kernel: bit 12 that falls at speed, silence, the end of the kernel."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import pytest
+
+from sjerk import Axis, Limits, MotionKernel
+from sjerk.cia402 import Drive, DriveConfig
+from sjerk.host import MoveState
+
+T = 1e-3
+REV = 2**24
+COUNTS = REV / 360.0
+LIMITS = Limits(3600.0, 36000.0, 720000.0)
+FOLLOWS, SILENT = 0x1000, 0x4
+
+
+class Line:
+    """A kernel and one simulated drive in the caller's loop, as a bus would join them."""
+
+    def __init__(self, **changes: float) -> None:
+        self.drive = Drive(DriveConfig(**changes))  # type: ignore[arg-type]
+        self.kernel = MotionKernel([Axis(LIMITS, COUNTS, "external")], T)
+        self.host = self.kernel.host()
+        self.masked = self.missed = self.silent = False
+        self.targets: list[int] = []
+        self.host.enable()
+        self.step(20)
+
+    def step(self, cycles: int = 1) -> None:
+        image = self.kernel.image
+        for _ in range(cycles):
+            out = image.outputs[0]
+            self.targets.append(int(out["target_position"]))
+            feedback = self.drive.cycle(
+                int(out["controlword"]),
+                int(out["target_position"]),
+                mode=int(out["mode"]),
+                sync_missed=self.missed,
+            )
+            image.stale[0] = self.silent
+            if not self.silent:
+                row = image.inputs[0]
+                row["statusword"] = feedback.statusword & ~(FOLLOWS if self.masked else 0)
+                row["mode_display"] = feedback.mode_display
+                row["position_actual"] = feedback.position_actual
+                row["velocity_actual"] = feedback.velocity_actual
+                row["error_code"] = feedback.error_code
+            self.kernel.step()
+
+
+@pytest.mark.parametrize("cycles", [1, 2, 3])
+def test_a_missed_sync_throws_no_move_away(cycles: int) -> None:
+    """Bridged by 2100h:3: bit 12 stays, the goal is reached to the bit, nothing is found."""
+    line = Line()
+    move = line.host.move([3600.0])
+    line.step(500)
+    line.missed = True
+    line.step(cycles)
+    line.missed = False
+    line.step(2500)
+    assert move.state is MoveState.DONE
+    assert line.targets[-1] == round(3600.0 * COUNTS)
+    assert not line.drive.report().findings
+
+
+@pytest.mark.parametrize("cycles", [1, 3])
+def test_bit_12_that_falls_for_a_few_cycles_at_speed_is_no_stop(cycles: int) -> None:
+    """The command goes on, the stream has no step, the move is done."""
+    line = Line()
+    move = line.host.move([3600.0])
+    line.step(500)
+    line.masked = True
+    line.step(cycles)
+    line.masked = False
+    line.step(2500)
+    assert move.state is MoveState.DONE
+    assert line.targets[-1] == round(3600.0 * COUNTS)
+    assert line.drive.report().clean
+
+
+@pytest.mark.parametrize("back", [False, True])
+def test_a_stale_axis_is_stopped_by_its_drive_and_its_command_does_not_go_back(back: bool) -> None:
+    """Only the way back is lost: quick stop bit out, the last commanded target, no JUMP or STEP."""
+    line = Line()
+    line.host.move([3600.0])
+    line.step(500)
+    line.silent = True
+    line.step(30)
+    assert not line.kernel.image.outputs[0]["controlword"] & SILENT
+    line.silent = not back
+    line.step(400)
+    report = line.drive.report()
+    assert not report.findings
+    assert line.drive.cycle(0, 0).velocity_demand == 0
+    steps = [abs(b - a) for a, b in pairwise(line.targets[500:530])]
+    assert max(steps) <= LIMITS.velocity * COUNTS * T + 1
+
+
+def test_a_limit_switch_of_a_drive_is_a_ramp_and_the_axis_can_leave_it() -> None:
+    """605Ah to its own end whatever the kernel sends meanwhile; then a move away is done."""
+    line = Line(switch_positive_rev=5.0)
+    move = line.host.move([3600.0])
+    speeds = []
+    for _ in range(2000):
+        line.step()
+        speeds.append(line.kernel.image.inputs[0]["position_actual"])
+    assert move.state is not MoveState.DONE
+    velocity = [(b - a) / REV / T for a, b in pairwise(map(int, speeds))]
+    assert max(a - b for a, b in pairwise(velocity)) < 1.0  # rev/s in 1 ms, of 10
+    line.host.move([0.0])
+    line.step(3000)
+    assert line.host.feedback().axes[0].actual_position == pytest.approx(0.0, abs=0.01)
+    assert not line.drive.report().findings
