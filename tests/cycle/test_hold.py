@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -235,6 +235,19 @@ def test_a_held_move_stays_on_its_way_and_ends_on_its_goal(
 
 
 @settings(max_examples=2 * SOME)
+@example(
+    Case(
+        limits=(
+            Limits(45.0, 274.0, 5927.0, 252.0, 7985.0),
+            Limits(65.0, 472.0, 6919.0, 200.0, 7393.0),
+        ),
+        first=(27.486, -0.606),
+        goal=(0.018, 2.387),
+        change=40,
+        synchronization="time",
+    ),
+    32,
+)
 @given(cases(), st.integers(1, 900))
 def test_a_hold_rests_until_it_is_resumed(case: Case, at: int) -> None:
     """On its way, or on its goal where it could not brake harder than it does; and stays."""
@@ -244,9 +257,10 @@ def test_a_hold_rests_until_it_is_resumed(case: Case, at: int) -> None:
     bench.step(LONG)
     rest = bench.table[-500:, :, 0]
     assert np.array_equal(rest, rest[:1].repeat(500, 0))
-    assert bench.move.state is (
-        MoveState.DONE if rest[-1].tolist() == list(case.goal) else MoveState.MOVING
-    )
+    # a stop that ends less than half a last bit before the goal is on it, and still on its way
+    assert bench.move.state in (MoveState.DONE, MoveState.MOVING)
+    if bench.move.done:
+        assert rest[-1].tolist() == list(case.goal)
     bench.host.resume()
     if not bench.move.done:
         bench.finish()
