@@ -160,7 +160,7 @@ class Recording:
     def knots(self, axis: int) -> tuple[NDArray[np.int64], FloatArray]:
         """Knots of the paths that were played, as the kernel was given them.
 
-        Returns the planned cycle (k,) and the position (k,), axis units, at the end of each segment;
+        Returns planned cycle (k,) and position (k,), axis units, at the end of each segment;
         where a path is run at its own speed, it is the commanded position of that cycle.
         """
         kind = record_dtype(len(self.axes))
