@@ -261,6 +261,20 @@ static void put_sample(sj_kernel *kernel, int32_t k)
     ip->j = exact_of(player->jerk[k]);
 }
 
+/* At rest in the last half cycle of the track: a sample shows the path half a cycle late, so here each
+ * is the goal, and the move is over though the hold lasts. */
+static int32_t over(const sj_feed_hold *hold)
+{
+    const sj_player *player = &hold->player;
+    double rest, to_go = (double)(player->track.end - sj_player_place(player, &rest));
+    if (to_go - rest > 0.5)
+        return 0;
+    for (int32_t k = 0; k < hold->count; k++)
+        if (player->velocity[k] != 0.0 || player->acceleration[k] != 0.0 || player->jerk[k] != 0.0)
+            return 0;
+    return player->rests > 0;
+}
+
 uint64_t sj_hold_step(sj_kernel *kernel)
 {
     sj_feed_hold *hold = &kernel->feed_hold;
@@ -279,6 +293,9 @@ uint64_t sj_hold_step(sj_kernel *kernel)
         return hold->axes; /* its track is whole: never */
     for (int64_t whole = sj_player_place(player, &rest); hold->at < whole - 1; hold->at++)
         for (int32_t k = 0; k < hold->count; k++)
+            sj_interpolator_step(&hold->planned[k]);
+    for (int32_t k = 0; k < hold->count && over(hold); k++)
+        while (hold->planned[k].cycles_left > 1)
             sj_interpolator_step(&hold->planned[k]);
     for (int32_t k = 0; k < hold->count; k++)
         if (hold->axes & axis_bit(hold->axis[k])) {
