@@ -33,7 +33,7 @@ int32_t sj_cyclic_position(sj_drive *drive, const sj_drive_rx *rx, sj_servo_comm
     const sj_drive_config *config = &drive->config;
     const double speed = 1.0 / per_period(drive);
     const double before = drive->demand.velocity;
-    const int64_t word = demand_word(drive);
+    const int64_t word = sj_point_demand(drive);
     const uint32_t switches = sj_limit_switches(drive);
     int64_t distance = 0;
     int64_t step = 0;

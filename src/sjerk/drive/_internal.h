@@ -33,6 +33,7 @@ void sj_point_move_increments(const sj_drive *drive, sj_drive_point *point, int6
 int64_t sj_point_move_units(const sj_drive *drive, sj_drive_point *point, int64_t distance);
 void sj_point_set(const sj_drive *drive, sj_drive_point *point, int64_t increments, int64_t units);
 void sj_point_set_home(sj_drive *drive, int64_t increments); /* these become 607Ch */
+int64_t sj_point_demand(const sj_drive *drive); /* 6062h: polarity applied, within 607Bh */
 
 /* _verdict.c */
 void sj_verdict_pause(sj_drive_verdict *verdict);     /* the stream is interrupted */
@@ -167,11 +168,4 @@ static inline int64_t subtract_wrapping(int64_t a, int64_t b)
 static inline int64_t following_error(const sj_drive *drive)
 {
     return subtract_wrapping(drive->demand.point.travel, drive->actual.travel);
-}
-
-/* The demand as a word: polarity applied, within 607Bh. */
-static inline int64_t demand_word(const sj_drive *drive)
-{
-    return sj_point_wrap(drive,
-                         with_polarity(drive, drive->demand.point.units, SJ_POLARITY_POSITION));
 }

@@ -54,7 +54,7 @@ static void software_limits(const sj_drive *drive, int64_t *low, int64_t *high)
 uint32_t sj_limit_ends(const sj_drive *drive)
 {
     const int turned = (drive->config.polarity & SJ_POLARITY_POSITION) != 0;
-    const int64_t now = demand_word(drive);
+    const int64_t now = sj_point_demand(drive);
     int64_t low;
     int64_t high;
 

@@ -51,7 +51,7 @@ static sj_drive_set_point set_point(const sj_drive *drive, const sj_drive_rx *rx
 {
     const int64_t ahead = subtract_wrapping(from, drive->demand.point.travel);
     const int64_t word = sj_point_wrap(
-        drive, demand_word(drive) + with_polarity(drive, ahead, SJ_POLARITY_POSITION));
+        drive, sj_point_demand(drive) + with_polarity(drive, ahead, SJ_POLARITY_POSITION));
     int64_t distance = 0;
     int64_t kept = 0;
 

@@ -82,3 +82,10 @@ void sj_point_set_home(sj_drive *drive, int64_t increments)
         points[i]->increments = now;
     }
 }
+
+/* The demand as a word: polarity applied, within 607Bh. */
+int64_t sj_point_demand(const sj_drive *drive)
+{
+    return sj_point_wrap(drive,
+                         with_polarity(drive, drive->demand.point.units, SJ_POLARITY_POSITION));
+}
