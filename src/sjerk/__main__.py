@@ -24,6 +24,7 @@ from sjerk.cli import (
     power,
     record,
     report,
+    ros2,
     simulate,
     status,
     stop,
@@ -55,6 +56,7 @@ _VERBS = (
     simulate,
     follow,
     drive,
+    ros2,
     clean,
 )
 

@@ -1,0 +1,32 @@
+"""A kernel and its trajectory controller.
+
+ros2 launch sjerk_ros2 controller.launch.py kernel:=robot.toml params:=arm.yaml
+"""
+
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument, Shutdown
+from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import Node
+
+
+def generate_launch_description():
+    """The node runs the kernel of the file as its child, and ends it."""
+    return LaunchDescription(
+        [
+            DeclareLaunchArgument("name", default_value="arm_controller"),
+            DeclareLaunchArgument("kernel"),
+            DeclareLaunchArgument("params"),
+            Node(
+                package="sjerk_ros2",
+                executable="controller",
+                name=LaunchConfiguration("name"),
+                output="screen",
+                parameters=[
+                    LaunchConfiguration("params"),
+                    {"kernel.file": LaunchConfiguration("kernel")},
+                ],
+                sigterm_timeout="5",
+                on_exit=Shutdown(),
+            ),
+        ]
+    )

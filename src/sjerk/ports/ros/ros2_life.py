@@ -1,0 +1,150 @@
+"""The life of a node: its parameters, its kernel, its signals, its end. Never here: topics.
+
+rclpy's own handler of SIGINT would end the context first, so that nobody could be told any more;
+here signals only wake the executor, a second one changes nothing, and the node ends in order.
+"""
+
+from __future__ import annotations
+
+import signal
+import time
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from typing import Any
+
+import rclpy
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
+
+from sjerk.errors import InputError, SjerkError
+from sjerk.host import Host
+from sjerk.kernel import load
+from sjerk.ports.ros.joints import Joints
+from sjerk.ports.ros.parameters import Parameter
+
+#: Seconds that results may take to reach their clients when a node ends.
+_FAREWELL = 0.2
+
+
+def descriptor(parameter: Parameter) -> ParameterDescriptor:
+    """A parameter as ROS describes it."""
+    told = ParameterDescriptor(description=parameter.about, read_only=parameter.fixed)
+    if parameter.choices:
+        told.additional_constraints = f"one of {', '.join(parameter.choices)}"
+    if parameter.low is not None and isinstance(parameter.default, float):
+        told.floating_point_range = [
+            FloatingPointRange(from_value=parameter.low, to_value=parameter.high)
+        ]
+    elif parameter.low is not None:
+        told.integer_range = [
+            IntegerRange(from_value=int(parameter.low), to_value=int(parameter.high), step=1)
+        ]
+    return told
+
+
+def declare(node: Node, parameters: Sequence[Parameter]) -> None:
+    """Declare parameters with their ranges; raises InputError for a value that is none."""
+    for parameter in parameters:
+        value = node.declare_parameter(
+            parameter.name, parameter.default, descriptor(parameter)
+        ).value
+        parameter.check(value)
+
+
+def lead(node: Node, open_: ExitStack) -> Host:
+    """Become the host of the kernel that the parameters name; ``open_`` ends it.
+
+    Raises InputError and what ``load`` and ``Host.attach`` raise.
+    """
+    file, name = (node.get_parameter(f"kernel.{what}").value for what in ("file", "name"))
+    if bool(file) == bool(name):
+        what = "exactly one of kernel.file and kernel.name must be given"
+        raise InputError("kernel", file or name, what)
+    if file:
+        kernel = open_.enter_context(load(file))
+        return open_.enter_context(kernel.host())
+    return open_.enter_context(Host.attach(name, wait=2.0))
+
+
+def joints_of(node: Node, host: Host) -> Joints:
+    """The joints by the parameter and the axes of the kernel; raises InputError."""
+    axes = host.feedback().axes
+    return Joints.of(node.get_parameter("joints").value, [axis.unit for axis in axes])
+
+
+def order(give: Callable[[float], None]) -> None:
+    """Give an order whose end is not waited for: ``halt``, ``quick_stop``, ``disable``."""
+    try:
+        give(1e-3)
+    except TimeoutError:
+        return
+
+
+class Waits:
+    """Coroutines of one node that wait for a condition, looked at by a timer of the node."""
+
+    def __init__(self, node: Node) -> None:
+        """Of this node."""
+        self._node = node
+        self._waiting: list[tuple[Callable[[], bool], float, Future]] = []
+        node.create_timer(5e-3, self._look)
+
+    def until(self, condition: Callable[[], bool], timeout: float) -> Future:
+        """A future: whether the condition came within the time (s)."""
+        future = Future(executor=self._node.executor)
+        self._waiting.append((condition, time.monotonic() + timeout, future))
+        return future
+
+    def _look(self) -> None:
+        still = []
+        for condition, end, future in self._waiting:
+            try:
+                came = condition()
+            except SjerkError:
+                came, end = False, 0.0
+            if came or time.monotonic() > end:
+                future.set_result(came)
+            else:
+                still.append((condition, end, future))
+        self._waiting = still
+
+
+def run(make: Callable[[], Any], arguments: Sequence[str] | None) -> int:
+    """Spin the node that ``make`` makes until SIGINT or SIGTERM; the exit code.
+
+    The node has ``finish()``, which stops what moves and returns whether all has been told, and is
+    asked until it has; and ``spin(executor)``, one turn of the loop.
+    """
+    rclpy.init(
+        args=None if arguments is None else list(arguments),
+        signal_handler_options=SignalHandlerOptions.NO,
+    )
+    ended: list[int] = []
+    executor = SingleThreadedExecutor()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda n, _: (ended.append(n), executor.wake())[1])
+    code = 0
+    node = None
+    try:
+        node = make()
+        executor.add_node(node)
+        while not ended:
+            node.spin(executor)
+        until = time.monotonic() + 5.0
+        while not node.finish() and time.monotonic() < until:
+            executor.spin_once(timeout_sec=0.02)
+        until = time.monotonic() + _FAREWELL
+        while time.monotonic() < until:
+            executor.spin_once(timeout_sec=0.02)
+    except (SjerkError, TimeoutError, OSError) as error:
+        rclpy.logging.get_logger("sjerk").error(f"{type(error).__name__}: {error}")
+        code = 1
+    finally:
+        if node is not None:
+            node.leave()
+            node.destroy_node()
+        rclpy.try_shutdown()
+    return code

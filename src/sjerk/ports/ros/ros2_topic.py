@@ -1,0 +1,86 @@
+"""Trajectories by topic as a stream or as windows to be tracked. Never here: goals of actions."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rclpy.node import Node
+
+from sjerk.executor import StreamPlayer
+from sjerk.executor.goal import from_message
+from sjerk.host import Host
+from sjerk.ports.ros.joints import Joints
+from sjerk.ports.ros.ros2_life import order
+from sjerk.ports.ros.tracking import Rest, Tracker, Window
+
+#: Velocities of tracked windows are cut to this share of the axes' own.
+_SHARE = 0.95
+
+
+class TopicMotion:
+    """What messages on ``~/joint_trajectory`` move, where they are no goals of their own."""
+
+    def __init__(self, node: Node, host: Host, joints: Joints) -> None:
+        """By the parameters of the node."""
+        self._node, self._host, self._joints = node, host, joints
+        self.mode: str = self._value("topic_mode")
+        self._tracker = Tracker(
+            horizon=self._value("track.horizon"),
+            timeout=self._value("track.timeout"),
+            most=[_SHARE * axis.limits.velocity for axis in host.feedback().axes],
+        )
+        self._player: StreamPlayer | None = None
+        self._first, self._last, self._came = 0.0, 0.0, 0.0
+
+    def _value(self, name: str) -> Any:
+        return self._node.get_parameter(name).value
+
+    def drop(self) -> None:
+        """Follow nothing that came before: another hand moves."""
+        self._tracker.drop()
+        if self._player is not None:
+            self._player.close()
+            self._player = None
+
+    def take(self, message: Any, sent: float, now: float) -> None:
+        """A message that was sent at ``sent`` (s); its own stamp counts where it has one.
+
+        Raises SjerkError. No points: come to rest.
+        """
+        if not message.points:
+            self.drop()
+            order(self._host.halt)
+            return
+        way, stamp = from_message(message)
+        way = self._joints.trajectory(way).for_joints(self._joints.names)
+        begin = stamp or sent
+        if self.mode == "track":
+            self._tracker.take(Window.of(begin + way.time, way.position, way.velocity), now)
+            return
+        if self._player is None:
+            self._player = StreamPlayer(
+                self._host,
+                period=self._value("stream.period"),
+                delay=self._value("stream.delay"),
+                ahead=self._value("stream.ahead"),
+            )
+            self._first, self._last = begin + float(way.time[0]), -1.0
+        self._came = now
+        for time, position in zip(way.time, way.position, strict=True):
+            at = begin + float(time) - self._first
+            if at > self._last + 0.5 * self._host.cycle_time:  # windows overlap: new points only
+                self._player.push(position, at)
+                self._last = at
+
+    def turn(self, now: float) -> None:
+        """What is due without a message; raises what ended the motion."""
+        if self._player is not None:
+            if now - max(self._came, self._first + self._last) > self._value("track.timeout"):
+                self._player.end()
+            if self._player.done:
+                self.drop()
+        aim = self._tracker.aim(now)
+        if aim is Rest.HALT:
+            order(self._host.halt)
+        elif aim is not None:
+            self._host.move(aim, synchronization="none", min_duration=self._tracker.horizon)
