@@ -329,6 +329,12 @@ def test_reserved_methods_are_refused(method: int) -> None:
     assert drive.config.homing_method == 37
 
 
+def test_hard_stops_have_an_order() -> None:
+    """The negative one lies below the positive one."""
+    with pytest.raises(DriveConfigError, match="hard_stop_positive_rev"):
+        DriveConfig(hard_stop_negative_rev=1.0, hard_stop_positive_rev=1.0)
+
+
 @pytest.mark.parametrize("mode", [Mode.CSP, Mode.CSV, Mode.CST, Mode.PROFILE_VELOCITY])
 @pytest.mark.parametrize("end", [-1, 1])
 def test_no_mode_turns_the_motor_through_a_hard_stop(mode: Mode, end: int) -> None:
