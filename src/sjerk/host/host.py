@@ -153,7 +153,23 @@ class Host(Observer):
             )
 
     def disable(self, timeout: float | None = 5.0, *, axes: Axes = None) -> None:
-        """Disable drives, each once it is at rest."""
+        """Stop as ``halt`` does, then disable these drives, each once it is at rest.
+
+        Whatever moves them: a jog, a move, a path, held or not. What waits for them is dropped. A
+        drive that homes stops by its own ramp (605Ch).
+
+        >>> from sjerk import Axis, MotionKernel
+        >>> kernel = MotionKernel([Axis(Limits(90.0, 500.0, 5000.0), 2**24 / 360, "ideal")])
+        >>> host = kernel.host()
+        >>> host.enable()
+        >>> kernel.step(5)
+        >>> jog = host.jog(30.0)
+        >>> kernel.step(300)
+        >>> host.disable()
+        >>> kernel.step(300)
+        >>> host.feedback().axes[0].enabled, jog.state.name
+        (False, 'STOPPED')
+        """
         chosen = self._enable(axes, 0)
         if self._link.clocked:
             self._link.wait_until(
