@@ -1,4 +1,4 @@
-"""Disabling in motion: the axes stop as by a halt, within their limits, and then lose their power."""
+"""Disabling in motion: axes stop as by a halt, within their limits, then lose their power."""
 
 from __future__ import annotations
 
@@ -173,5 +173,3 @@ def test_other_axes_of_the_goal_stop_too_and_keep_their_power(axes: int) -> None
     run.step(1500)
     assert [a.enabled for a in run.host.feedback().axes] == [i != axes for i in range(AXES)]
     assert not run.host.feedback().moving
-
-
