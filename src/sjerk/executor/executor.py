@@ -134,15 +134,21 @@ class TrajectoryExecutor:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def close(self) -> None:
-        """Cancel the goal that goes on, and watch no more; goals are refused from now on."""
+    def close(self, reason: str = "") -> None:
+        """End the goal that goes on, and watch no more; goals are refused from now on.
+
+        It is CANCELED; with a ``reason`` it is ABORTED with that text.
+        """
         self._end.set()
         if self._thread is not None:
             self._thread.join()
         with self._lock:
             goal = self._goal
         if goal is not None and goal.status in OPEN:
-            goal.handle.cancel()
+            if reason:
+                self._finish(goal, GoalStatus.ABORTED, ResultCode.INVALID_GOAL, reason)
+            else:
+                goal.handle.cancel()
 
     # ---- settings
 

@@ -16,7 +16,7 @@ from sjerk._binding import ffi, lib
 from sjerk.errors import SjerkError, positive
 from sjerk.handshake import Segment
 from sjerk.host.answers import Answers
-from sjerk.host.feedback import limits_of
+from sjerk.host.feedback import limits_of, names_of
 from sjerk.host.reader import FrameReader
 from sjerk.profile import Limits, State
 
@@ -51,8 +51,8 @@ class Link(FrameReader):
     """A kernel that can be commanded: what a host and the handles of its motions have in common.
 
     ``lock`` guards ``command``, the ``sj_command`` that is published next, and the ring: other
-    threads run while C does. ``cycle_time`` in seconds; ``limits`` and ``wraps`` by axis, as they
-    were when the link began, or as the host has set them since.
+    threads run while C does. ``cycle_time`` in seconds; ``limits``, ``wraps`` and ``names`` by
+    axis, as they were when the link began, or as the host has set them since.
     """
 
     def __init__(self, segment: Segment, *, clocked: bool, after: int = 0) -> None:
@@ -65,6 +65,7 @@ class Link(FrameReader):
         self.cycle_time = 0.0
         self.limits: list[Limits] = []
         self.wraps: list[float] = []
+        self.names: tuple[str, ...] = ()
         self.flushed = 0  # number of the last record that was in the ring when it was emptied
         self._cancelled = 0  # number of the command that cancelled last
         self._unsent: WeakSet[Unsent] = WeakSet()
@@ -88,6 +89,7 @@ class Link(FrameReader):
                 setattr(command.axis[i], name, getattr(frame.axis[i], name))
         self.limits = [limits_of(frame.axis[i], self.cycle_time) for i in range(self.axes)]
         self.wraps = [float(frame.axis[i].wrap) for i in range(self.axes)]
+        self.names = names_of(frame)
 
     def close(self) -> None:
         """Leave the kernel to itself, once no thread uses its memory."""

@@ -219,12 +219,14 @@ class Path:
             if code in (lib.SJ_RESULT_NONE, lib.SJ_RESULT_ACCEPTED):
                 code = frame.path.result
             axis, detail = self._reason(code, frame, axis)
-            raise refusal(code, axis, detail)
+            raise refusal(code, axis, detail, names=self._link.names)
         if state is PathState.SUPERSEDED:
-            raise SupersededError(position)
+            raise SupersededError(position, names=self._link.names)
         axes = {i: frame.axis[i] for i in self._goal.axes}
         raise MotionStoppedError(
-            position, {i: int(axis.error_code) for i, axis in axes.items() if axis.fault}
+            position,
+            {i: int(axis.error_code) for i, axis in axes.items() if axis.fault},
+            names=self._link.names,
         )
 
     def _reason(self, code: int, frame: Any, axis: int) -> tuple[int, str]:

@@ -11,26 +11,24 @@ import time
 from collections import Counter
 from collections.abc import Sequence
 from contextlib import ExitStack
-from functools import partial
 from typing import Any
 
 import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
 from sensor_msgs.msg import JointState
-from std_srvs.srv import Trigger
 
 from sjerk.errors import KernelGoneError, SjerkError
 from sjerk.executor import StreamPlayer
 from sjerk.ports.ros.joints import Joints
 from sjerk.ports.ros.messages import Rows
 from sjerk.ports.ros.parameters import CONTROL
-from sjerk.ports.ros.ros2_life import Waits, declare, joints_of, lead, order, run
+from sjerk.ports.ros.ros2_life import Waits, declare, joints_of, lead, run, stops
 from sjerk.ports.ros.ros2_status import MotionStates, diagnostics
 from sjerk.ports.ros.tracking import Rest, Tracker, Window
 from sjerk.profile import FloatArray
-from diagnostic_msgs.msg import DiagnosticArray
 
 #: Velocities of tracked goals are cut to this share of the axes' own.
 _SHARE = 0.95
@@ -69,8 +67,7 @@ class ControlNode(Node):  # type: ignore[misc]
         # Best effort takes goals from reliable publishers and from others.
         qos = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
         self.create_subscription(JointState, self._value("goal_topic"), self._on_goal, qos)
-        for name in ("halt", "quick_stop", "reset"):
-            self.create_service(Trigger, f"~/{name}", partial(self._on_order, name))
+        stops(self.create_service, self._on_order)
         self.create_timer(1.0 / self._value("state_publish_rate"), self._publish)
         self.create_timer(1.0, self._diagnose)
         self.create_timer(0.01, self._turn)
@@ -151,7 +148,7 @@ class ControlNode(Node):  # type: ignore[misc]
         if self._tracker.active:
             aim = self._tracker.aim(now)
             if aim is Rest.HALT:
-                order(self._host.halt)
+                self._host.halt(0.0)
             elif aim is not None:
                 self._host.move(
                     aim, synchronization="none", min_duration=self._tracker.horizon
@@ -178,19 +175,14 @@ class ControlNode(Node):  # type: ignore[misc]
 
     # ---- orders
 
-    async def _on_order(
-        self, name: str, request: Trigger.Request, response: Trigger.Response
-    ) -> Trigger.Response:
+    async def _on_order(self, name: str) -> str:
         try:
             self._drop()
-            order(lambda timeout: getattr(self._host, name)(timeout=timeout))
+            getattr(self._host, name)(timeout=0.0)
         except SjerkError as error:
-            response.success, response.message = False, str(error)
-            return response
+            return str(error)
         rests = await self._waits.until(lambda: not self._host.feedback().moving, 30.0)
-        response.success = bool(rests)
-        response.message = "done" if rests else "not at rest within 30 s"
-        return response
+        return "" if rests else "not at rest within 30 s"
 
     # ---- what is told
 
@@ -252,7 +244,7 @@ class ControlNode(Node):  # type: ignore[misc]
             if not self._finishing:
                 self._finishing = True
                 self._drop()
-                order(self._host.halt)
+                self._host.halt(0.0)
             return not self._host.feedback().moving
         except SjerkError:
             return True

@@ -24,7 +24,7 @@ from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
-from std_srvs.srv import SetBool, Trigger
+from std_srvs.srv import SetBool
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from sjerk.errors import InputError, KernelGoneError, SjerkError
@@ -34,7 +34,7 @@ from sjerk.ports.ros.desk import Desk, Refusal
 from sjerk.ports.ros.joints import Joints
 from sjerk.ports.ros.messages import Rows, stamp_of
 from sjerk.ports.ros.parameters import CONTROLLER, IGNORED, constraints, settings
-from sjerk.ports.ros.ros2_life import Waits, declare, joints_of, lead, order, run
+from sjerk.ports.ros.ros2_life import Waits, declare, joints_of, lead, run, stops
 from sjerk.ports.ros.ros2_status import MotionStates, diagnostics
 from sjerk.ports.ros.ros2_topic import TopicMotion
 
@@ -141,8 +141,7 @@ class TrajectoryController(LifecycleNode):  # type: ignore[misc]
             handle_accepted_callback=self._on_accepted,
             cancel_callback=self._on_cancel,
         )
-        for name in ("halt", "quick_stop", "reset"):
-            self._own(self.create_service, Trigger, f"~/{name}", partial(self._on_order, name))
+        stops(partial(self._own, self.create_service), self._on_order)
         self._own(self.create_service, SetBool, "~/hold", self._on_hold)
         if CobotApiSrv is not None:
             self._own(self.create_service, CobotApiSrv, "cobot_api_service", self._on_cobot)
@@ -205,7 +204,7 @@ class TrajectoryController(LifecycleNode):  # type: ignore[misc]
         self._close("shut down")
         if self._host is not None:
             try:
-                order(self._host.halt)
+                self._host.halt(0.0)
             except SjerkError as error:
                 self.get_logger().error(f"shut down: {error}")
         self._tell()
@@ -214,12 +213,16 @@ class TrajectoryController(LifecycleNode):  # type: ignore[misc]
 
     def _close(self, reason: str) -> None:
         desk, self._desk = self._desk, None
-        if self._topic is not None:
-            self._topic.drop()
+        self._drop_topic()
         if desk is not None:
             desk.close(reason)
             self._closing = desk
         self._tell()
+
+    def _drop_topic(self) -> None:
+        """What came by topic is followed no more: another hand moves."""
+        if self._topic is not None:
+            self._topic.drop()
 
     # ---- goals
 
@@ -227,8 +230,7 @@ class TrajectoryController(LifecycleNode):  # type: ignore[misc]
         if self._desk is None:
             self._next = _INACTIVE
         else:
-            if self._topic is not None:
-                self._topic.drop()
+            self._drop_topic()
             self._next = self._desk.submit(request)
         if isinstance(self._next, Refusal):
             self.get_logger().error(f"goal refused: {self._next.code.name}: {self._next.text}")
@@ -346,20 +348,17 @@ class TrajectoryController(LifecycleNode):  # type: ignore[misc]
         except SjerkError as error:
             self.get_logger().error(f"speed ignored: {error}", throttle_duration_sec=1.0)
 
-    async def _on_order(self, name: str, request: Any, response: Any) -> Any:
-        assert self._host is not None
+    async def _on_order(self, name: str) -> str:
         host = self._host
+        if host is None:
+            return _INACTIVE.text
         try:
-            if self._topic is not None:
-                self._topic.drop()
-            order(lambda timeout: getattr(host, name)(timeout=timeout))
+            self._drop_topic()
+            getattr(host, name)(timeout=0.0)
         except SjerkError as error:
-            response.success, response.message = False, str(error)
-            return response
+            return str(error)
         rests = await self._waits.until(lambda: not host.feedback().moving, 30.0)
-        response.success = bool(rests)
-        response.message = "done" if rests else "not at rest within 30 s"
-        return response
+        return "" if rests else "not at rest within 30 s"
 
     def _on_hold(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         try:
@@ -468,7 +467,7 @@ class TrajectoryController(LifecycleNode):  # type: ignore[misc]
                 self._finishing = True
                 self._close("shut down")
                 if self._host is not None:
-                    order(self._host.halt)
+                    self._host.halt(0.0)
             return not self._goals and (self._host is None or not self._host.feedback().moving)
         except SjerkError:
             return not self._goals

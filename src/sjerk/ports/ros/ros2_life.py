@@ -18,6 +18,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
+from std_srvs.srv import Trigger
 
 from sjerk.errors import InputError, SjerkError
 from sjerk.host import Host
@@ -75,12 +76,23 @@ def joints_of(node: Node, host: Host) -> Joints:
     return Joints.of(node.get_parameter("joints").value, [axis.unit for axis in axes])
 
 
-def order(give: Callable[[float], None]) -> None:
-    """Give an order whose end is not waited for: ``halt``, ``quick_stop``, ``disable``."""
-    try:
-        give(1e-3)
-    except TimeoutError:
-        return
+def stops(create: Callable[..., Any], answer: Callable[[str], Any]) -> None:
+    """The services ``~/halt``, ``~/quick_stop`` and ``~/reset``.
+
+    ``create`` makes a service of the node; ``answer`` is a coroutine that gives the order and
+    returns why it failed, or nothing.
+    """
+
+    def offer(name: str) -> None:
+        async def serve(request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+            response.message = await answer(name)
+            response.success = not response.message
+            return response
+
+        create(Trigger, f"~/{name}", serve)
+
+    for name in ("halt", "quick_stop", "reset"):
+        offer(name)
 
 
 class Waits:

@@ -10,7 +10,6 @@ from sjerk.executor import StreamPlayer
 from sjerk.executor.goal import from_message
 from sjerk.host import Host
 from sjerk.ports.ros.joints import Joints
-from sjerk.ports.ros.ros2_life import order
 from sjerk.ports.ros.tracking import Rest, Tracker, Window
 
 #: Velocities of tracked windows are cut to this share of the axes' own.
@@ -49,7 +48,7 @@ class TopicMotion:
         """
         if not message.points:
             self.drop()
-            order(self._host.halt)
+            self._host.halt(0.0)
             return
         way, stamp = from_message(message)
         way = self._joints.trajectory(way).for_joints(self._joints.names)
@@ -81,6 +80,6 @@ class TopicMotion:
                 self.drop()
         aim = self._tracker.aim(now)
         if aim is Rest.HALT:
-            order(self._host.halt)
+            self._host.halt(0.0)
         elif aim is not None:
             self._host.move(aim, synchronization="none", min_duration=self._tracker.horizon)
