@@ -20,7 +20,7 @@ def add_arguments(jobs: Any) -> None:
     job = jobs.add_parser(
         "ros2",
         help="be a ROS 2 node on a kernel: trajectory controller, or control node",
-        epilog="Further words behind -- are given to ROS, such as: -- -r joint_states:=/arm/states",
+        epilog="For example: --ros-args -r joint_states:=/arm/joint_states -p speed:=0.5",
     )
     job.add_argument("node", choices=sorted(_NODES))
     job.add_argument("robot", nargs="?", type=Path, help="TOML file of a kernel to run as a child")
@@ -28,7 +28,9 @@ def add_arguments(jobs: Any) -> None:
     job.add_argument("--params", type=Path, metavar="F.yaml", help="parameters of the node")
     job.add_argument("--node-name", metavar="NAME", help="of the node: the controller's name")
     job.add_argument("--joints", nargs="+", metavar="JOINT", help="one name per axis, in order")
-    job.add_argument("ros", nargs="*", help=argparse.SUPPRESS)
+    job.add_argument(
+        "--ros-args", nargs=argparse.REMAINDER, default=[], help="all further words are ROS's"
+    )
     job.set_defaults(run=run)
 
 
@@ -58,4 +60,4 @@ def arguments(options: argparse.Namespace) -> list[str]:
         words += ["-p", f"kernel.name:={options.kernel}"]
     if options.joints:
         words += ["-p", f"joints:=[{', '.join(options.joints)}]"]
-    return [*words, *options.ros]
+    return [*words, *options.ros_args]

@@ -521,7 +521,7 @@ def servo(client: Client, publish: Callable[[float], None], rate: float, seconds
 
 def test_windows_of_a_servo_node_are_tracked(tmp_path: Path, client: Client) -> None:
     """Windows of 0.1 s at 100 Hz with velocities: off by at most 1 % of the amplitude."""
-    more = ["--node-name", "servo", "--", "-p", "topic_mode:=track"]
+    more = ["--node-name", "servo", "--ros-args", "-p", "topic_mode:=track"]
     with running(tmp_path, "controller", *more) as program:
         arm = Arm(client, "servo")
         publisher = client.node.create_publisher(JointTrajectory, "/servo/joint_trajectory", 10)
@@ -569,7 +569,7 @@ def test_joint_states_are_goals(tmp_path: Path, client: Client, mode: str) -> No
     """At 10 Hz in degrees turned to radians: none lost, the end is the last one, bit for bit."""
     count = 30
     way_ = 0.6 * (1 - np.cos(np.linspace(0, math.pi, count))) / 2
-    more = ["--", "-p", f"mode:={mode}", "-p", "read_rate:=500.0"]
+    more = ["--ros-args", "-p", f"mode:={mode}", "-p", "read_rate:=500.0"]
     with running(tmp_path, "control", *more) as program:
         states: list[Any] = []
         topic = "/sjerk_control_node/joint_states"

@@ -151,9 +151,9 @@ class TrajectoryController(LifecycleNode):  # type: ignore[misc]
         self._own(self.create_timer, 0.01, self._turn)
         return TransitionCallbackReturn.SUCCESS
 
-    def _own(self, create: Callable[..., Any], *arguments: Any) -> Any:
+    def _own(self, create: Callable[..., Any], *arguments: Any, **more: Any) -> Any:
         """Something that lives until the node is cleaned up."""
-        made = create(*arguments)
+        made = create(*arguments, **more)
         destroy = create.__name__.replace("create", "destroy")
         self._made.append((getattr(self, destroy), made))
         return made

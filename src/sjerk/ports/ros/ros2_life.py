@@ -14,6 +14,7 @@ from typing import Any
 
 import rclpy
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
@@ -82,6 +83,8 @@ def stops(create: Callable[..., Any], answer: Callable[[str], Any]) -> None:
     ``create`` makes a service of the node; ``answer`` is a coroutine that gives the order and
     returns why it failed, or nothing.
     """
+    # One that waits would hold up all others of its group, and with them what it waits for.
+    group = ReentrantCallbackGroup()
 
     def offer(name: str) -> None:
         async def serve(request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
@@ -89,7 +92,7 @@ def stops(create: Callable[..., Any], answer: Callable[[str], Any]) -> None:
             response.success = not response.message
             return response
 
-        create(Trigger, f"~/{name}", serve)
+        create(Trigger, f"~/{name}", serve, callback_group=group)
 
     for name in ("halt", "quick_stop", "reset"):
         offer(name)
