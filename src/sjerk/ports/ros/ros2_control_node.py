@@ -146,15 +146,24 @@ class ControlNode(Node):  # type: ignore[misc]
         """What is due without a message."""
         now = self._now()
         if self._tracker.active:
+            self._aim(now)
+        if self._player is not None:
+            self._end_stream(now)
+
+    def _aim(self, now: float) -> None:
+        """What is tracked; where it cannot be followed the motion comes to rest."""
+        try:
             aim = self._tracker.aim(now)
             if aim is Rest.HALT:
                 self._host.halt(0.0)
             elif aim is not None:
-                self._host.move(
-                    aim, synchronization="none", min_duration=self._tracker.horizon
-                )
-        if self._player is not None:
-            self._end_stream(now)
+                self._host.move(aim, synchronization="none", min_duration=self._tracker.horizon)
+        except KernelGoneError:
+            raise
+        except SjerkError as error:
+            self.get_logger().error(f"tracking: {error}", throttle_duration_sec=1.0)
+            self._tracker.drop()
+            self._host.halt(0.0)
 
     def _end_stream(self, now: float) -> None:
         """A stream whose goals have stopped to come ends at rest on the last of them."""
