@@ -241,6 +241,7 @@ class TrajectoryExecutor:
                 goal.joins = True
                 self._ended(before, GoalStatus.ABORTED, ResultCode.INVALID_GOAL, text)
             self._goal = goal
+            self._sequencer.settle()
             self._look(frame)
         return handle
 
@@ -332,6 +333,8 @@ class TrajectoryExecutor:
         axes = goal.plan.axes
         try:
             self._sequencer.check()
+            if self._sequencer.disturbed(axes):
+                return
             if goal.joins and not self._sequencer.over:
                 goal.joins = self._join(goal)
                 if not goal.joins:

@@ -144,8 +144,24 @@ class Sequencer:
             self._stopped = True
             self.path.cancel()
 
+    def settle(self) -> None:
+        """What another hand has stopped by now is of the past: a motion may begin after it."""
+        path = self.path
+        if path is not None and (
+            path.state.ended or path.state is PathState.STOPS or self._host.link.ending(path.axes)
+        ):
+            self._stopped = True
+
+    def disturbed(self, axes: Sequence[int]) -> bool:
+        """Whether the kernel is still to take a stop or a goal of another hand for these axes."""
+        more = () if self.path is None else self.path.axes
+        return self._host.link.ending({*axes, *more})
+
     def check(self) -> None:
-        """Raise where another hand has ended the newest motion: nothing is to begin after it."""
+        """Raise where another hand has ended the newest motion: nothing is to begin after it.
+
+        But for what had been ended when ``settle`` was called.
+        """
         if self.path is not None and not self._stopped and self.over:
             self.path.check()
 
