@@ -11,7 +11,7 @@ from __future__ import annotations
 import itertools
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Self
@@ -34,11 +34,10 @@ from sjerk.executor.goal import (
 )
 from sjerk.executor.handle import GoalHandle, GoalOrders, GoalProgress
 from sjerk.executor.planned import PlannedGoal, planned
-from sjerk.executor.sequencer import Joined, Sequencer, positions
+from sjerk.executor.sequencer import Place, Sequencer, positions
 from sjerk.host import Feedback, Host, PathState
 from sjerk.trajectory import Trajectory, TrajectoryError
-from sjerk.trajectory.entering import Entered
-from sjerk.trajectory.segments import Knot
+from sjerk.trajectory.segments import Followed, Knot
 
 #: A goal that is to begin later than this, in seconds, has its stamp from another clock.
 FURTHEST = 3600.0
@@ -122,7 +121,8 @@ class TrajectoryExecutor:
         self._goal: _Goal | None = None
         self._sequencer = Sequencer(host)
         self._told = -np.inf
-        self._end = threading.Event()
+        self._end, self._wake = threading.Event(), threading.Event()
+        self._updating = threading.Lock()
         self._thread: threading.Thread | None = None
         if host.clocked:
             self._thread = threading.Thread(target=self._watch, daemon=True)
@@ -247,7 +247,8 @@ class TrajectoryExecutor:
                 goal.joins = True
                 self._ended(before, GoalStatus.ABORTED, ResultCode.INVALID_GOAL, text)
             self._goal = goal
-            self._look(frame)
+            self._sequencer.settle()
+        self._wake.set()
         return handle
 
     def _handle(self, progress: GoalProgress) -> GoalHandle:
@@ -278,15 +279,28 @@ class TrajectoryExecutor:
     # ---- what goes on
 
     def update(self) -> None:
-        """Look once: start what waits, watch tolerances, report feedback and results."""
-        with self._lock:
-            self._sequencer.update()
-            if self._goal is not None and self._goal.status in OPEN:
-                self._look(self._host.feedback())
+        """Look once: start what waits, watch tolerances, report feedback and results.
+
+        A motion that is due is planned here; orders to goals, and new ones, need not wait for it.
+        """
+        if not self._updating.acquire(blocking=False):
+            return  # another thread does, or this is its callback
+        try:
+            with self._lock:
+                self._sequencer.update()
+                goal, due = self._goal, None
+                if goal is not None and goal.status in OPEN:
+                    due = self._look(self._host.feedback())
+            if goal is not None and due is not None:
+                self._begin(goal, due)
+        finally:
+            self._updating.release()
 
     def _watch(self) -> None:
         pause = min(self._every, 5e-3)
-        while not self._end.wait(pause):
+        while not self._end.is_set():
+            self._wake.wait(pause)
+            self._wake.clear()
             if self._host.closed:
                 return
             try:
@@ -298,16 +312,24 @@ class TrajectoryExecutor:
                 if self._host.closed or not self._host.kernel_lives:
                     return
 
-    def _look(self, frame: Feedback) -> None:
+    def _look(self, frame: Feedback) -> Place | Knot | None:
+        """Where the motion of a goal that waits is to begin now; None: nowhere, or it has."""
         goal = self._goal
         assert goal is not None
         took_over = self._sequencer.verdict()
         if took_over is False and goal.status is GoalStatus.EXECUTING:
             goal.progress.status = GoalStatus.WAITING
         if goal.status is GoalStatus.WAITING:
-            if took_over is not None:
-                self._begin(goal, frame)
-            return
+            try:
+                return None if took_over is None else self._due(goal, frame)
+            except SjerkError as error:
+                self._fail(goal, error)
+                return None
+        self._follow(goal, frame)
+        return None
+
+    def _follow(self, goal: _Goal, frame: Feedback) -> None:
+        """Look at a goal whose motion is in play: report, watch tolerances, see its end."""
         feedback = self._feedback_of(goal, frame)
         goal.progress.feedback = feedback
         now = self._clock()
@@ -333,43 +355,67 @@ class TrajectoryExecutor:
                 text = f"{text}; {error}"
             self._ended(goal, GoalStatus.ABORTED, ResultCode.INVALID_GOAL, text)
 
-    def _begin(self, goal: _Goal, frame: Feedback) -> None:
+    def _due(self, goal: _Goal, frame: Feedback) -> Place | Knot | None:
         """Its motion takes over from the one in play, or begins when that is at rest."""
-        axes = goal.plan.axes
-        try:
-            self._sequencer.check()
-            if goal.joins and not self._sequencer.over:
-                goal.joins = self._join(goal)
-                if not goal.joins:
-                    self._sequencer.cancel()
-            elif self._sequencer.rests(frame, axes):
-                self._sequencer.start(goal.plan.enter(positions(frame, axes), self._clock()), axes)
-                self._executes(goal)
-        except SjerkError as error:
-            self._sequencer.cancel()
-            self._ended(goal, GoalStatus.ABORTED, ResultCode.INVALID_GOAL, str(error))
+        axes, sequencer = goal.plan.axes, self._sequencer
+        sequencer.check()
+        if sequencer.disturbed(axes):
+            return None
+        if sequencer.over or not goal.joins:
+            return positions(frame, axes) if sequencer.rests(frame, axes) else None
+        if goal.tries >= _TRIES or not sequencer.leads(axes):
+            self._rest_first(goal)
+            return None
+        stamp = goal.plan.stamp
+        ahead = max(0.0, stamp - self._clock()) if stamp else 0.0
+        return None if ahead > sequencer.lead + _HORIZON else sequencer.place(ahead)
 
-    def _join(self, goal: _Goal) -> bool:
-        """Whether its motion takes over, or will; else the one in play is to come to rest."""
-        plan = goal.plan
-        if goal.tries >= _TRIES or not self._sequencer.leads(plan.axes):
+    def _begin(self, goal: _Goal, due: Place | Knot) -> None:
+        """Plan its motion without the lock, and let it begin if that is still wanted."""
+        joins = isinstance(due, Place)
+        knot = due.cut.knot if isinstance(due, Place) else due
+        later = due.lead * self._host.cycle_time if isinstance(due, Place) else 0.0
+        error: SjerkError | None = None
+        try:
+            blocks = goal.plan.enter(knot, self._clock() + later).blocks
+            blocks = itertools.chain([next(blocks)], blocks)
+        except SjerkError as fault:
+            error = fault
+        with self._lock:
+            if self._goal is not goal or goal.status is not GoalStatus.WAITING:
+                return
+            try:
+                if error is not None:
+                    raise error
+                if self._sends(goal, due, blocks):
+                    self._executes(goal)
+            except SjerkError as fault:
+                if joins and isinstance(fault, PlanError | InputError):
+                    self._rest_first(goal)  # no motion from that state within the limits
+                else:
+                    self._fail(goal, fault)
+
+    def _sends(self, goal: _Goal, due: Place | Knot, blocks: Iterator[Followed]) -> bool:
+        """Whether the motion was sent; else the place is another one by now."""
+        axes, sequencer = goal.plan.axes, self._sequencer
+        if isinstance(due, Place):
+            goal.tries += 1
+            return due.path is sequencer.path and sequencer.join(blocks, due)
+        frame = self._host.feedback()
+        there = np.array_equal(positions(frame, axes).position, due.position)
+        if not there or sequencer.disturbed(axes) or not sequencer.rests(frame, axes):
             return False
-        now = self._clock()
-        ahead = max(0.0, plan.stamp - now) if plan.stamp else 0.0
-        if ahead > self._sequencer.lead + _HORIZON:
-            return True
-
-        def make(knot: Knot, ahead: float) -> Entered:
-            return plan.enter(knot, now + ahead)
-
-        try:
-            joined = self._sequencer.join(make, ahead)
-        except (PlanError, InputError):
-            return False  # no motion from that state within the limits; from rest there may be one
-        goal.tries += joined is not Joined.END
-        if joined is Joined.SENT:
-            self._executes(goal)
+        sequencer.start(blocks, axes)
         return True
+
+    def _rest_first(self, goal: _Goal) -> None:
+        """Its motion begins once the one in play has come to rest."""
+        goal.joins = False
+        self._sequencer.cancel()
+
+    def _fail(self, goal: _Goal, error: SjerkError) -> None:
+        self._sequencer.cancel()
+        self._ended(goal, GoalStatus.ABORTED, ResultCode.INVALID_GOAL, str(error))
 
     def _executes(self, goal: _Goal) -> None:
         path = self._sequencer.path

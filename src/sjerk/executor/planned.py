@@ -76,7 +76,7 @@ def planned(
             joints=known,
             begins=now if stamp == 0.0 else stamp,
             now=now,
-            end_velocity_allowed=settings.allow_end_velocity,
+            end_velocity_allowed=True,
         )
     )
     if any(fault.kind is FaultKind.JOINTS for fault in faults):
@@ -90,7 +90,7 @@ def planned(
             [axis.limits for axis in axes],
             start=None if tolerance is None else [axis.position for axis in axes],
             start_tolerance=tolerance or 1.0,
-            end_velocity_allowed=True,
+            end_velocity_allowed=settings.allow_end_velocity,
         )
         # accelerations are kept anyway; a stretch is reported
         if fault.kind is not FaultKind.ACCELERATION_LIMIT
@@ -107,7 +107,7 @@ def planned(
     return PlannedGoal(
         joint_axes,
         order,
-        trajectory.take(chosen).for_joints([joint_names[i] for i in order]),
+        _to_rest(trajectory.take(chosen).for_joints([joint_names[i] for i in order])),
         chosen,
         Entry(
             [frame.axes[i].limits for i in order],
@@ -118,3 +118,12 @@ def planned(
         stamp,
         single,
     )
+
+
+def _to_rest(way: Trajectory) -> Trajectory:
+    """The same, with velocity 0 at its end: a path ends at rest."""
+    if way.velocity is None:
+        return way
+    velocity = way.velocity.copy()
+    velocity[-1] = 0.0
+    return Trajectory(way.joint_names, way.time, way.position, velocity, way.acceleration)

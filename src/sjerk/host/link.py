@@ -67,6 +67,7 @@ class Link(FrameReader):
         self.wraps: list[float] = []
         self.names: tuple[str, ...] = ()
         self.flushed = 0  # number of the last record that was in the ring when it was emptied
+        self._ended = [0] * self.axes  # number of the last command that ends what an axis does
         self._cancelled = 0  # number of the command that cancelled last
         self._unsent: WeakSet[Unsent] = WeakSet()
         self._feeding: WeakSet[Feeding] = WeakSet()
@@ -246,13 +247,24 @@ class Link(FrameReader):
     def stopping(self, axes: Iterable[int]) -> None:
         """The command is to stop all that was given for these axes. Under the lock."""
         self.command.stop_records = lib.sj_ring_published(self.segment.base)
+        self._ends(axes)
         for goal in self._unsent:
             if goal.result is None and not goal.axes.isdisjoint(axes):
                 goal.result = lib.SJ_RESULT_STOPPED
 
+    def _ends(self, axes: Iterable[int]) -> None:
+        for i in axes:
+            self._ended[i] = int(self.command.sequence) + 1
+
+    def ending(self, axes: Iterable[int]) -> bool:
+        """Whether the kernel is still to take a stop or a goal for one of these axes."""
+        taken = int(self.frame().sequence)
+        return any(self._ended[i] > taken for i in axes)
+
     def replacing(self, goal_id: int, axes: Iterable[int]) -> None:
         """The command has a goal that replaces, if it is accepted. Under the lock."""
         self.command.goal_records = lib.sj_ring_published(self.segment.base)
+        self._ends(axes)
         for goal in self._unsent:
             if not goal.axes.isdisjoint(axes):
                 goal.goals.add(goal_id)
