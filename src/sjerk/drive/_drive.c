@@ -40,7 +40,7 @@ static uint16_t effective_controlword(const sj_drive *drive, uint16_t word)
     if (drive->local) {
         return drive->controlword;
     }
-    if (has_cause(drive, SJ_FAULT_LOST_LINK)) {
+    if (drive->causes & SJ_LINK_CAUSES) {
         if (drive->config.abort_option == 2) {
             return 0x0000;
         }
@@ -63,8 +63,8 @@ static void step_state(sj_drive *drive, uint16_t word)
         .shutdown_option = (int16_t)drive->config.shutdown_option,
         .disable_option = (int16_t)drive->config.disable_option,
         .power = (drive->causes & no_power) == 0,
-        .cause = drive->causes != 0 && !(drive->config.abort_option != 1 &&
-                                         drive->causes == (uint32_t)1 << SJ_FAULT_LOST_LINK),
+        .cause = (drive->causes &
+                  ~(drive->config.abort_option == 1 ? 0u : (uint32_t)SJ_LINK_CAUSES)) != 0,
         .standing =
             (uint8_t)(drive->standing || (before == SJ_STATE_FAULT_REACTION && coasts(drive))),
     };

@@ -166,6 +166,9 @@ void sj_supervise_standing(sj_drive *drive);
 /* _report.c */
 void sj_report_words(sj_drive *drive, const sj_drive_rx *rx, sj_drive_tx *tx);
 
+/* The master is not heard: 6007h decides. */
+enum { SJ_LINK_CAUSES = 1 << SJ_FAULT_LOST_LINK | 1 << SJ_FAULT_RPDO_TIMEOUT };
+
 static inline int has_cause(const sj_drive *drive, int32_t fault)
 {
     return (drive->causes >> fault & 1u) != 0;

@@ -75,7 +75,7 @@ int32_t sj_supervise_inputs(sj_drive *drive, const sj_drive_rx *rx)
         /* without power a disabled drive just stays disabled; a lost link acts by 6007h */
         const int waits =
             (fault == SJ_FAULT_SAFE_TORQUE_OFF || fault == SJ_FAULT_UNDER_VOLTAGE) && !powered;
-        const int by_option = fault == SJ_FAULT_LOST_LINK && drive->config.abort_option != 1;
+        const int by_option = (SJ_LINK_CAUSES >> fault & 1) != 0 && drive->config.abort_option != 1;
         if (has_cause(drive, fault) && !waits && !by_option) {
             return fault;
         }

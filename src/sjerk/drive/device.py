@@ -286,10 +286,10 @@ class Device:
         put[0x1005, 0] = put[0x1014, 0] = self._set_identifier
         put[0x1010, 1], put[0x1011, 1] = self._store, self._restore
         for number in range(PDOS):
+            put[0x1800 + number, 3] = self._set_inhibit_time
             for base in (0x1400, 0x1800):
                 put[base + number, 1] = self._set_pdo_identifier
                 put[base + number, 2] = self._set_transmission_type
-                put[base + number, 3] = self._set_inhibit_time
                 for sub in range(MAPPED + 1):
                     put[base + 0x200 + number, sub] = self._set_mapping
         get[0x2100, 2] = lambda: min(self.drive.jump_limit, 0xFFFFFFFF)

@@ -272,9 +272,9 @@ class Drive:
     def inject(self, fault: DriveFault, present: bool = True) -> None:
         """Make the cause of a fault appear or go; the drive reacts in the next period.
 
-        Raises `ValueError` for a fault that comes from the motion: those after `LOST_LINK`.
+        Raises `ValueError` for a fault that comes from the motion: those after `RPDO_TIMEOUT`.
         """
-        if fault > DriveFault.LOST_LINK:
+        if fault > DriveFault.RPDO_TIMEOUT:
             raise ValueError(f"fault = {fault.name} comes from the motion, it cannot be injected")
         lib.sj_drive_inject(self._c, fault, present)
 

@@ -69,7 +69,13 @@ def _pdo(number: int, receive: bool) -> Iterator[Object]:
             ("Reserved", U8, "ro", "", 0, "", ""),
             ("Event timer", U16, "rw", "", 0, "ms", ""),
         ]
-    yield many(communication + number, f"{side} PDO {number + 1} communication", *rows, code=9)
+    name = f"{side} PDO {number + 1} communication"
+    record = many(communication + number, name, *rows, code=9)
+    if receive:  # sub-indices 3 and 4 are none
+        head = replace(record.entries[0], default=5)
+        timer = ObjectEntry(communication + number, 5, "Event timer", U16, "rw", "", 0, "ms", "")
+        record = replace(record, entries=(head, *record.entries[1:], timer))
+    yield record
     maps = (_RPDO_MAPS if receive else _TPDO_MAPS)[number]
     mapping = many(
         communication + 0x200 + number,
@@ -288,6 +294,7 @@ _PROFILE: tuple[Object, ...] = (
 
 OBJECTS: dict[int, Object] = {thing.index: thing for thing in (*_COMMUNICATION, *_MAKER, *_PROFILE)}
 """Every object by its index."""
+_ENTRIES = {(row.index, row.sub): row for thing in OBJECTS.values() for row in thing.entries}
 
 DUMMIES: dict[int, int] = {0x01: 1, 0x02: 8, 0x03: 16, 0x04: 32, 0x05: 8, 0x06: 16, 0x07: 32}
 """Bits of the data types that may fill a receive PDO: they are skipped."""
@@ -301,10 +308,9 @@ def entry(index: int, sub: int) -> ObjectEntry:
     """
     if index not in OBJECTS:
         raise SdoError(Abort.NO_OBJECT, index, sub)
-    entries = OBJECTS[index].entries
-    if sub >= len(entries):
+    if (index, sub) not in _ENTRIES:
         raise SdoError(Abort.NO_SUBINDEX, index, sub)
-    return entries[sub]
+    return _ENTRIES[index, sub]
 
 
 def default(row: ObjectEntry, node_id: int) -> int | float | str:

@@ -145,7 +145,7 @@ class Mode(enum.IntEnum):
 
 
 class DriveFault(enum.IntEnum):
-    """Faults by name. Those up to `LOST_LINK` can be injected (`Drive.inject`)."""
+    """Faults by name. Those up to `RPDO_TIMEOUT` can be injected (`Drive.inject`)."""
 
     OVER_CURRENT = 1
     """The output current is too high."""
@@ -165,13 +165,15 @@ class DriveFault(enum.IntEnum):
     """The brake has failed."""
     LOST_LINK = 9
     """The master is gone; 6007h says what the drive does."""
-    OVER_SPEED = 10
+    RPDO_TIMEOUT = 10
+    """A receive PDO did not come within its deadline (140xh:5); 6007h says what the drive does."""
+    OVER_SPEED = 11
     """The motor turns faster than it may."""
-    FOLLOWING_ERROR = 11
+    FOLLOWING_ERROR = 12
     """The following error was larger than 6065h for 6066h."""
-    REFERENCE_LIMIT = 12
+    REFERENCE_LIMIT = 13
     """A target was further than the jump limit from the one before."""
-    SYNC = 13
+    SYNC = 14
     """More SYNCs were missed than 10F1h:2 allows."""
 
     @property
