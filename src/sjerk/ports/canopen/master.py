@@ -13,6 +13,8 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from sjerk._binding import lib
+from sjerk.cia402 import DriveState
 from sjerk.drive.objects import DISABLED
 from sjerk.errors import InputError, positive
 from sjerk.kernel import MotionKernel
@@ -134,6 +136,20 @@ class Master:
             self._kernel.step()
             due = max(due + self._kernel.cycle_time, time.monotonic())
             time.sleep(max(0.0, due - time.monotonic()))
+
+    def end(self) -> bool:
+        """End the kernel as its process would: its axes come to rest, its drives are disabled.
+
+        Exchanges until everything rests and every drive is disabled that still answers, at most two
+        seconds of an axis at rest. Returns whether all answer and are disabled. The kernel takes no
+        goal afterwards.
+        """
+        core = self._kernel.core
+        core.ending = 1
+        self.run(lambda: bool(lib.sj_kernel_at_rest(core)))
+        _, mask, enabled = DriveState.OPERATION_ENABLED.value
+        words, stale = self._image.inputs["statusword"], self._image.stale
+        return not any(stale[i] or int(words[i]) & mask == enabled for i in self._nodes)
 
     def _beat(self) -> None:
         self._send(0x700 + MASTER, b"\x05")
