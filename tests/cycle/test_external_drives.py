@@ -162,7 +162,7 @@ def test_the_end_waits_until_an_external_drive_is_disabled(deceleration: float) 
 
 
 def test_the_end_waits_no_longer_for_a_drive_that_stays_enabled() -> None:
-    """Two seconds of an axis at rest, however long it has rested before; the other bounds are far."""
+    """Two seconds after the order, however long the axis has rested before."""
     line = Line()
     line.step(3000)
     line.deaf = True
@@ -182,7 +182,7 @@ def test_the_end_does_not_wait_for_a_drive_that_is_silent() -> None:
 
 @pytest.mark.parametrize(("side", "way"), [(LimitSwitch.POSITIVE, 1), (LimitSwitch.NEGATIVE, -1)])
 def test_a_limit_switch_is_told_with_its_side(side: LimitSwitch, way: int) -> None:
-    """60FDh in the feedback, an event as it closes and as it opens, the reason of the move's end."""
+    """60FDh in the feedback, an event as it closes and opens, the reason of the move's end."""
     line = Line(**{f"switch_{side.name.lower()}_rev": 5.0 * way})  # type: ignore[union-attr]
     line.host.events()
     assert line.host.feedback().axes[0].limit_switches == LimitSwitch(0)
@@ -195,7 +195,9 @@ def test_a_limit_switch_is_told_with_its_side(side: LimitSwitch, way: int) -> No
     assert [(e.kind, e.axis) for e in told] == [(EventKind.SWITCH, 0), (EventKind.ANCHOR, 0)]
     assert (told[0].code, told[0].value) == (side, 0.0)
     assert str(told[0]).endswith(f"SWITCH {side.name}")
-    with pytest.raises(MotionStoppedError, match=f"limit switch closed .axis 0: {side.name.lower()}"):  # type: ignore[union-attr]
+    with pytest.raises(
+        MotionStoppedError, match=f"limit switch closed .axis 0: {side.name.lower()}"
+    ):  # type: ignore[union-attr]
         move.check()
     line.host.move([0.0])
     line.step(3000)

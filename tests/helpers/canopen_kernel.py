@@ -2,8 +2,8 @@
 
 `-m helpers.canopen_kernel master GOAL OPTION` enables, moves, tells lines of JSON. `judge OPTION`
 starts a drive process and a master process, kills the master in mid-motion, looks on what the
-drive does, starts the next master, and prints one JSON object of what was seen. `end` ends a master in
-mid-motion in order, with the drive there and with the drive suspended, and prints the same.
+drive does, starts the next master, and prints one JSON object of what was seen. `end` ends a master
+in mid-motion in order, with the drive there and with the drive suspended, and prints the same.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
-"""Judge of what a kernel feeds forward, from a recording alone: in rationals, by no code of the kernel.
+"""Judge of what a kernel feeds forward, from a recording alone: in rationals.
 
-60B1h must be the first difference of the commanded positions to the nearest unit, 60B2h what the motor
-needs for the first and second one: a word never further off than one unit, their sum never further
-than half a unit. Positions are judged as they are recorded, doubles: what their own rounding allows is
-added (`ulp`).
+60B1h must be the first difference of the commanded positions to the nearest unit, 60B2h what the
+motor needs for the first and second one: a word never further off than one unit, their sum never
+further than half a unit. Positions are judged as they are recorded, doubles: what their own
+rounding allows is added (`ulp`).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""60B1h and 60B2h: exact in every motion, refused where they cannot be, and what they are good for."""
+"""60B1h and 60B2h: exact in every motion, refused where they cannot be, good for the motor."""
 
 from __future__ import annotations
 
@@ -289,7 +289,10 @@ def test_a_file_can_say_it(tmp_path: Any) -> None:
     counts_per_unit = 46603.37
     limits = { velocity = 90.0, acceleration = 500.0, jerk = 5000.0 }
     drive = "external"
-    feed_forward = { rated_torque_nm = 1.27, counts_per_revolution = 16777216, inertia_kg_m2 = 1e-4 }
+    [axes.feed_forward]
+    rated_torque_nm = 1.27
+    counts_per_revolution = 16777216
+    inertia_kg_m2 = 1e-4
     """
     file = tmp_path / "robot.toml"
     file.write_text(text)
@@ -298,6 +301,6 @@ def test_a_file_can_say_it(tmp_path: Any) -> None:
     assert own[1].feed_forward == FeedForward(
         rated_torque_nm=1.27, counts_per_revolution=REV, inertia_kg_m2=1e-4
     )
-    file.write_text(text.replace("1e-4 }", "-1.0 }"))
+    file.write_text(text.replace("= 1e-4", "= -1.0"))
     with pytest.raises(InputError, match=r"axes\[1\].feed_forward.inertia_kg_m2"):
         load(file)

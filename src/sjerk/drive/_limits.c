@@ -13,10 +13,12 @@ uint32_t sj_limit_inputs(const sj_drive *drive)
         (double)drive->servo.encoder * config->encoder_revolutions / config->encoder_increments;
     uint32_t inputs = 0;
 
-    inputs |=
-        config->switch_negative_rev > -1e9 && turns <= config->switch_negative_rev ? SJ_INPUT_NEGATIVE : 0;
-    inputs |=
-        config->switch_positive_rev < 1e9 && turns >= config->switch_positive_rev ? SJ_INPUT_POSITIVE : 0;
+    inputs |= config->switch_negative_rev > -1e9 && turns <= config->switch_negative_rev
+                  ? SJ_INPUT_NEGATIVE
+                  : 0;
+    inputs |= config->switch_positive_rev < 1e9 && turns >= config->switch_positive_rev
+                  ? SJ_INPUT_POSITIVE
+                  : 0;
     inputs |= config->switch_home_rev < 1e9 && turns >= config->switch_home_rev ? SJ_INPUT_HOME : 0;
     inputs |= has_cause(drive, SJ_FAULT_SAFE_TORQUE_OFF) ? SJ_INPUT_INTERLOCK : 0;
     return inputs;
@@ -57,7 +59,8 @@ uint32_t sj_limit_ends(const sj_drive *drive)
     int64_t high;
 
     software_limits(drive, &low, &high);
-    return sj_limit_switches(drive) | (now <= low ? (turned ? SJ_INPUT_POSITIVE : SJ_INPUT_NEGATIVE) : 0u) |
+    return sj_limit_switches(drive) |
+           (now <= low ? (turned ? SJ_INPUT_POSITIVE : SJ_INPUT_NEGATIVE) : 0u) |
            (now >= high ? (turned ? SJ_INPUT_NEGATIVE : SJ_INPUT_POSITIVE) : 0u);
 }
 

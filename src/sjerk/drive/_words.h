@@ -155,5 +155,5 @@ int32_t sj_master_follows_position(const sj_drive_tx *tx); /* enabled and follow
 int32_t
 sj_master_bridging(const sj_drive_tx *tx); /* CSP, enabled; no limit keeps it from following */
 uint32_t
-sj_master_switches(const sj_drive_tx *tx); /* closed limit switches: 1 negative, 2 positive */
+sj_master_switches(const sj_drive_tx *tx);       /* closed limit switches: 1 negative, 2 positive */
 int32_t sj_master_homing(const sj_drive_tx *tx); /* mode 6: 1 attained, -1 error, 0 */

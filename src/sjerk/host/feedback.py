@@ -71,10 +71,10 @@ class AxisFeedback:
 
     ``position`` to ``jerk`` are the commanded sample, ``peak_*`` the largest magnitudes of it since
     the last goal came, ``actual_*`` the encoder's. ``settled``: the goal has been reached.
-    ``following_error`` is the drive's own (60F4h,
-    increments), ``digital_inputs`` its 60FDh. ``velocity_offset`` (60B1h) and ``torque_offset``
-    (60B2h) are what the kernel feeds forward, in the drive's own units. ``limits`` are those in force, with the position limits; ``wrap`` axis units make
-    one turn, 0 for none.
+    ``following_error`` is the drive's own (60F4h, increments), ``digital_inputs`` its 60FDh.
+    ``velocity_offset`` (60B1h) and ``torque_offset`` (60B2h) are what the kernel feeds forward, in
+    the drive's own units. ``limits`` are those in force, with the position limits; ``wrap`` axis
+    units make one turn, 0 for none.
     """
 
     position: float

@@ -85,8 +85,9 @@ class Axis:
     def fed_forward(self) -> FeedForward | None:
         """What is fed forward, with the motor that it is for; None: nothing.
 
-        >>> Axis(Limits(90.0, 500.0, 5000.0), 2**24 / 360, feed_forward="torque").fed_forward.polarity
-        0
+        >>> axis = Axis(Limits(90.0, 500.0, 5000.0), 2**24 / 360, feed_forward="torque")
+        >>> axis.fed_forward.friction_nm
+        0.04
         """
         if self.feed_forward is None or isinstance(self.feed_forward, FeedForward):
             return self.feed_forward

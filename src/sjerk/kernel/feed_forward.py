@@ -28,9 +28,10 @@ class FeedForward:
         inertia alpha + friction w / (abs(w) + friction_speed) + viscous w + load,
 
     in 0.1 % of ``rated_torque_nm`` (6076h); None: no 60B2h. What rounding leaves of the torque is
-    carried to the next cycle. ``counts_per_revolution``: position units of one turn of the motor. ``polarity``: 607Eh of the drive, bit 7 position, 6 velocity, 5
-    torque. ``inertia_kg_m2`` counts motor and load, both seen from the motor. Source: CiA 402
-    (IEC 61800-7-201), objects 60B1h and 60B2h.
+    carried to the next cycle. ``counts_per_revolution``: position units of one turn of the motor.
+    ``polarity``: 607Eh of the drive, bit 7 position, 6 velocity, 5 torque. ``inertia_kg_m2`` counts
+    motor and load, both seen from the motor. Source: CiA 402 (IEC 61800-7-201), objects 60B1h and
+    60B2h.
 
     Raises InputError.
 

@@ -156,7 +156,10 @@ def test_offsets_and_switches_travel_by_pdo(bus: Bus) -> None:
     closed = [LimitSwitch.POSITIVE, LimitSwitch(0)]
     bus.until(
         master,
-        lambda: [a.limit_switches for a in host.feedback().axes] == closed and move.state.name != "MOVING",
+        lambda: (
+            [a.limit_switches for a in host.feedback().axes] == closed
+            and move.state.name != "MOVING"
+        ),
         "a switch",
     )
     told = [(e.axis, e.code) for e in host.events()[0] if e.kind is EventKind.SWITCH]
@@ -235,7 +238,7 @@ def test_a_killed_kernel_is_noticed_by_its_drive_and_the_next_one_starts_without
 
 
 def test_the_end_of_a_kernel_waits_for_its_drives_and_no_longer() -> None:
-    """Out of full motion: at rest, then disabled, then the master leaves; a dead drive is not awaited.
+    """Out of full motion: at rest, then disabled, then the master leaves; not for a dead drive.
 
     The drive is a process of its own, told by SDO after the master has gone; then it is suspended.
     """

@@ -41,9 +41,9 @@ class Master:
     """The drives of a kernel's external axes on one bus of python-can.
 
     ``nodes``: node number by axis. The drives keep the default mapping of ``sjerk drive``, by
-    SYNC, but the fourth transmit PDO has 60FDh and 60F4h, and the second receive PDO of an axis with
-    ``feed_forward`` 60B1h and, with a torque, 60B2h. What a drive of sjerk would feed forward by
-    itself as well is set to 0 (2102h); of another one it has to be off.
+    SYNC, but the fourth transmit PDO has 60FDh and 60F4h, and the second receive PDO of an axis
+    with ``feed_forward`` 60B1h and, with a torque, 60B2h. What a drive of sjerk would feed forward
+    by itself as well is set to 0 (2102h); of another one it has to be off.
     ``heartbeat``: seconds between the master's, watched by the drives for ``lost`` times that.
     ``abort_option``: 6007h of the drives, what they do without their master (1 fault, 2 disable
     voltage, 3 quick stop). Raises ``InputError`` for nodes and cycle times that cannot be,
