@@ -66,7 +66,7 @@ int32_t sj_master_follows_position(const sj_drive_tx *tx)
 
 uint32_t sj_master_switches(const sj_drive_tx *tx)
 {
-    return tx->digital_inputs & (SJ_INPUT_NEGATIVE | SJ_INPUT_POSITIVE);
+    return tx->digital_inputs & (SJ_DI_NEGATIVE | SJ_DI_POSITIVE);
 }
 
 int32_t sj_master_homing(const sj_drive_tx *tx)

@@ -63,10 +63,12 @@ enum {
 
 /* digital inputs 60FDh */
 enum {
-    SJ_INPUT_NEGATIVE = 1, /* limit switches */
-    SJ_INPUT_POSITIVE = 2,
-    SJ_INPUT_HOME = 4,
-    SJ_INPUT_INTERLOCK = 8
+    SJ_DI_NEGATIVE = 1, /* limit switches */
+    SJ_DI_POSITIVE = 2,
+    SJ_DI_HOME = 4,
+    SJ_DI_INTERLOCK = 8,
+    SJ_DI_PROBE_1 = 0x10000, /* from 16 on they are the maker's */
+    SJ_DI_PROBE_2 = 0x20000
 };
 
 /* faults by name; codes and reactions in _cia402.c */

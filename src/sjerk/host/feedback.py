@@ -61,8 +61,8 @@ class PathFeedback:
 class LimitSwitch(IntFlag):
     """Limit switches of an axis that are closed, as 60FDh has them."""
 
-    NEGATIVE = lib.SJ_INPUT_NEGATIVE  #: The switch in negative direction of the motor is closed.
-    POSITIVE = lib.SJ_INPUT_POSITIVE  #: The switch in positive direction of the motor is closed.
+    NEGATIVE = lib.SJ_DI_NEGATIVE  #: The switch in negative direction of the motor is closed.
+    POSITIVE = lib.SJ_DI_POSITIVE  #: The switch in positive direction of the motor is closed.
 
 
 @dataclass(frozen=True)
