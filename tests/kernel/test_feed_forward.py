@@ -130,7 +130,7 @@ def script(rng: np.random.Generator, own: list[Axis], T: float, cycles: int) -> 
     T=st.sampled_from([2.5e-4, 1e-3, 2e-3, 4e-3]),
     seed=st.integers(0, 2**32),
 )
-@settings(max_examples=30)
+@settings(max_examples=20)
 def test_every_word_is_the_exact_difference_of_what_is_commanded(
     own: list[Axis], T: float, seed: int
 ) -> None:
