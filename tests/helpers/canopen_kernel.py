@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import json
 import signal
+import struct
 import subprocess
 import sys
 import time
@@ -22,6 +23,7 @@ from sjerk.kernel import FeedForward
 from sjerk.ports.canopen import Master, SdoClient
 
 NODE, T = 5, 0.01
+SLOW_T = 0.05
 COUNTS = 2**24 / 360.0
 BUS = {"interface": "udp_multicast", "channel": "239.74.163.2"}
 LIMITS = Limits(90.0, 500.0, 5000.0)
@@ -110,8 +112,10 @@ def judge(option: int) -> None:
 def last(bus: can.BusABC) -> None:
     """Enable and jog; end in full motion when a line comes; tell what the drive says just then."""
     fed = FeedForward.of(DriveConfig.for_motor())
-    kernel = MotionKernel([Axis(LIMITS, COUNTS, "external", feed_forward=fed)], T)
-    master = Master(kernel, bus, {0: NODE})
+    # cycles so long, and heartbeats so patient, that a busy machine loses no axis
+    kernel = MotionKernel([Axis(LIMITS, COUNTS, "external", feed_forward=fed)], SLOW_T)
+    master = Master(kernel, bus, {0: NODE}, heartbeat=0.5, lost=20)
+    SdoClient(bus, NODE).write(0x2100, 7, struct.pack("<H", 10_000))
     host = kernel.host()
 
     def until(met: object) -> None:
@@ -133,7 +137,7 @@ def last(bus: can.BusABC) -> None:
     axis = frame.axes[0]
     say(
         whole=whole,
-        seconds=(frame.cycle - begun.cycle) * T,
+        seconds=(frame.cycle - begun.cycle) * SLOW_T,
         stale=bool(kernel.image.stale[0]),
         velocity=axis.velocity,
         word=axis.statusword,
