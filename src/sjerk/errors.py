@@ -66,7 +66,8 @@ class MotionStoppedError(SjerkError):
     """A move ended elsewhere: stopped or replaced, or a drive went into a fault.
 
     ``positions`` are the commanded ones by axis, ``faults`` the error codes (603Fh) of the drives
-    that are in a fault, by axis; ``unhomed`` the axis whose homing failed, or None.
+    that are in a fault, by axis; ``unhomed`` the axis whose homing failed, or None; ``switches``
+    the limit switches that are closed (60FDh: 1 negative, 2 positive, 3 both), by axis.
     """
 
     def __init__(
@@ -74,14 +75,20 @@ class MotionStoppedError(SjerkError):
         positions: dict[int, float],
         faults: dict[int, int] | None = None,
         unhomed: int | None = None,
+        switches: dict[int, int] | None = None,
     ) -> None:
         self.positions = positions
         self.unhomed = unhomed
         self.faults = faults or {}
+        self.switches = switches or {}
         codes = ", ".join(f"axis {i}: {code:04X}h" for i, code in self.faults.items())
         why = f"drive fault ({codes})" if codes else "stopped or replaced"
         if unhomed is not None:
             why = f"homing of axis {unhomed} failed" + (f", {why}" if codes else "")
+        if self.switches:
+            sides = ("negative", "positive", "negative and positive")
+            closed = (f"axis {i}: {sides[side - 1]}" for i, side in self.switches.items())
+            why += f", limit switch closed ({', '.join(closed)})"
         super().__init__(f"{why} before the goal, commanded positions {positions}")
 
 

@@ -6,13 +6,14 @@ Never here: commands, waiting, the layout of the memory.
 from __future__ import annotations
 
 import threading
+from collections.abc import Iterable
 from typing import Any
 
 from sjerk._binding import lib
-from sjerk.errors import RefusedError
+from sjerk.errors import MotionStoppedError, RefusedError
 from sjerk.handshake import Segment
 from sjerk.host.events import EventKind
-from sjerk.host.feedback import PathState
+from sjerk.host.feedback import PathState, switches_of
 from sjerk.host.reader import EventCursor
 
 #: Why a goal was refused, by ``enum sj_result``.
@@ -38,6 +39,17 @@ _KEPT = 4096  # answers of each kind
 def refusal(code: int, axis: int, detail: str = "") -> RefusedError:
     """The error of an ``enum sj_result``; ``axis`` -1: of none in particular."""
     return RefusedError(code, "; ".join(filter(None, (REASONS[code], detail))), axis)
+
+
+def stopped(frame: Any, axes: Iterable[int], unhomed: int | None = None) -> MotionStoppedError:
+    """The error of a motion that ended elsewhere, and why, as far as the frame says."""
+    rows = {i: frame.axis[i] for i in axes}
+    return MotionStoppedError(
+        {i: float(axis.position) for i, axis in rows.items()},
+        {i: int(axis.error_code) for i, axis in rows.items() if axis.fault},
+        unhomed,
+        {i: int(closed) for i, axis in rows.items() if (closed := switches_of(axis))},
+    )
 
 
 class Answers:

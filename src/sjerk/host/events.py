@@ -10,7 +10,7 @@ from enum import IntEnum
 
 from sjerk._binding import lib
 from sjerk.cycle.states import AxisState
-from sjerk.host.feedback import PathState
+from sjerk.host.feedback import LimitSwitch, PathState
 
 
 class EventKind(IntEnum):
@@ -29,6 +29,7 @@ class EventKind(IntEnum):
     REACHED = lib.SJ_EVENT_REACHED  #: All axes of a goal are on it, to the last bit.
     SYNC = lib.SJ_EVENT_SYNC  #: The link to a drive is lost, or its process data are stale.
     STOP = lib.SJ_EVENT_STOP  #: Another process than the host has asked for a stop.
+    SWITCH = lib.SJ_EVENT_SWITCH  #: A limit switch of an axis has closed or opened.
 
 
 class StopKind(IntEnum):
@@ -44,7 +45,8 @@ class Event:
 
     ``axis`` is None for all. ``code``: of a goal or of limits the ``enum sj_result``, of a state
     the new ``AxisState``, of a path the new ``PathState``, of a fault the drive's 603Fh (-1: homing
-    failed), of a stop the ``StopKind``. ``value``: the state before, the way-point ahead, the
+    failed), of a stop the ``StopKind``, of a switch the ``LimitSwitch`` of those that are closed
+    now. ``value``: the state or the switches before, the way-point ahead, the
     following error (axis unit), how many cycles were late, or of a stop the process (0: not known,
     more than 32 processes stop this kernel). REACHED: in the frame ``cycle`` all axes of
     ``goal_id`` are on their goals, to the last bit.
@@ -67,6 +69,9 @@ class Event:
             what = AxisState(self.code).name
         elif self.kind is EventKind.PATH:
             what = PathState(self.code).name
+        elif self.kind is EventKind.SWITCH:
+            what = LimitSwitch(self.code).name or "OPEN"
+            return f"cycle {self.cycle}{where}: SWITCH {what}"
         elif self.kind is EventKind.STOP:
             who = "unknown" if self.pid is None else self.pid
             return f"cycle {self.cycle}{where}: STOP {StopKind(self.code).name} by process {who}"
