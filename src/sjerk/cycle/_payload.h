@@ -176,6 +176,7 @@ typedef struct {
     double position_min, position_max;
     double counts_per_unit, wrap; /* wrap: axis units per turn, 0 = none */
     char unit[16];
+    char name[64];
 } sj_axis_feedback;
 
 enum sj_path_state {

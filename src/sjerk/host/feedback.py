@@ -71,10 +71,11 @@ class AxisFeedback:
 
     ``position`` to ``jerk`` are the commanded sample, ``peak_*`` the largest magnitudes of it since
     the last goal came, ``actual_*`` the encoder's. ``settled``: the goal has been reached.
-    ``following_error`` is the drive's own (60F4h, increments), ``digital_inputs`` its 60FDh.
-    ``velocity_offset`` (60B1h) and ``torque_offset`` (60B2h) are what the kernel feeds forward, in
-    the drive's own units. ``limits`` are those in force, with the position limits; ``wrap`` axis
-    units make one turn, 0 for none.
+    ``following_error`` is the drive's own (60F4h, increments), of which ``counts_per_unit`` make
+    one axis unit; ``digital_inputs`` its 60FDh. ``velocity_offset`` (60B1h) and ``torque_offset``
+    (60B2h) are what the kernel feeds forward, in the drive's own units. ``limits`` are those in
+    force, with the position limits; ``wrap`` axis units make one turn, 0 for none. ``name`` is ""
+    where the axis has none.
     """
 
     position: float
@@ -105,6 +106,8 @@ class AxisFeedback:
     limits: Limits
     unit: str
     wrap: float
+    name: str
+    counts_per_unit: float
 
     @property
     def turned(self) -> float:
@@ -181,6 +184,11 @@ def switches_of(axis: Any) -> LimitSwitch:
     return LimitSwitch(axis.digital_inputs & (LimitSwitch.NEGATIVE | LimitSwitch.POSITIVE))
 
 
+def names_of(frame: Any) -> tuple[str, ...]:
+    """The names of the axes of a ``sj_feedback``, by number; "" where there is none."""
+    return tuple(ffi.string(frame.axis[i].name).decode() for i in range(frame.axes))
+
+
 def limits_of(raw: Any, T: float) -> Limits:
     """The limits in force of a ``sj_axis_feedback``, per second."""
     own = raw.limits
@@ -237,4 +245,6 @@ def _axis_feedback(raw: Any, T: float) -> AxisFeedback:
         limits=limits_of(raw, T),
         unit=ffi.string(raw.unit).decode(),
         wrap=raw.wrap,
+        name=ffi.string(raw.name).decode(),
+        counts_per_unit=raw.counts_per_unit,
     )
