@@ -106,13 +106,17 @@ void sj_node(path *x, double k, double a);
 int sj_ramp(double v0, double a0, double dv, double vmax, double au, double ad, double j, path *x);
 
 /* _recovery.c */
-int sj_recover(task *t, sj_plan *p);
+int sj_lands(const task *t);
+int sj_recover_acceleration(task *t, sj_plan *p);
 void sj_cross_gently(task *t, sj_plan *p);
 int sj_cross_hard(task *t, sj_plan *p);
 void sj_end_acceleration(task *t, sj_plan *p);
 
 /* _velocity.c */
 int sj_go_to_velocity(task *t, double v, sj_plan *p);
+
+/* _settling.c */
+int sj_recover(task *t, sj_plan *p);
 
 /* Ramp, cruise, ramp in continuous time: what does not depend on the peak velocity. */
 typedef struct {
