@@ -62,6 +62,12 @@ static inline double most(double a, double b) { return a > b ? a : b; }
 static inline double smaller_acceleration(const task *t) { return least(t->au, t->ad); }
 static inline double smaller_jerk(const task *t) { return least(t->ju, t->jd); }
 
+/* Above its velocity limit, and carried no further. */
+static inline int is_above(const task *t)
+{
+    return fabs(t->v0) > t->vmax * (1 + SLACK) && !(t->v0 * t->a0 > 0);
+}
+
 /* Acceleration at whole cycles k, straight between: each piece is a phase. */
 typedef struct {
     int count;
@@ -115,9 +121,6 @@ void sj_end_acceleration(task *t, sj_plan *p);
 /* _velocity.c */
 int sj_go_to_velocity(task *t, double v, sj_plan *p);
 
-/* _settling.c */
-int sj_recover(task *t, sj_plan *p);
-
 /* Ramp, cruise, ramp in continuous time: what does not depend on the peak velocity. */
 typedef struct {
     /* virtual start without acceleration; velocity when the acceleration is brought to zero */
@@ -165,7 +168,13 @@ int sj_side_paths(const task *t, double n, path *x, path *y);
 
 /* _convex.c */
 int sj_convex(const task *t, double n, double *nearest, summit *m, sj_plan *p);
+int sj_convex_of(const task *t, double n, const path *x, const path *y, sj_plan *p);
 int sj_convex_from(const task *t, double *n, double longest, summit *m, sj_plan *p);
+
+/* _settling.c */
+int sj_recover(task *t, sj_plan *p);
+int sj_settle(task *t, sj_plan *p);
+int sj_move_from_above(const task *start, sj_plan *p);
 
 /* _direct.c */
 task sj_pushed_up(const task *start);

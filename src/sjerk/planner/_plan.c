@@ -54,8 +54,14 @@ int32_t sj_plan_move(double h, double v0, double a0, double v1, const sj_limits 
     if (!sj_valid(h, v0, a0, v1, l))
         return SJ_PLAN_INVALID;
     task t = sj_task_of(h, v0, a0, v1, l);
-    int lands = sj_recover(&t, p), back = p->count > 0 ? SJ_PLAN_RECOVERY : 0;
-    int ok = lands ? move(&t, p) : plan_crossing(&t, 0, p);
+    int lands = sj_recover_acceleration(&t, p), above = is_above(&t);
+    int ok = above && sj_move_from_above(&t, p);
+    int back = above || p->count > 0 ? SJ_PLAN_RECOVERY : 0;
+    if (!ok) {
+        if (above)
+            lands = sj_settle(&t, p);
+        ok = lands ? move(&t, p) : plan_crossing(&t, 0, p);
+    }
     p->kind += back;
     sj_note_scale(p, l);
     return ok ? SJ_PLAN_OK : SJ_PLAN_TOO_LONG;

@@ -1,8 +1,8 @@
 /* Settling: a start above its velocity limit, as left by limits that are lowered in motion.
 
-   The velocity falls to the limit and arrives there without acceleration; the rest is a plan from a
-   start that keeps its limits. So it does not pass below the limit, and over a long way this is also
-   the fastest: what a deeper fall loses is (the area of V_max - v) / V_max of time.
+   The velocity falls to the limit and arrives there without acceleration; then the motion goes on as
+   any other. So it does not pass below the limit, and over a long way this is also the fastest: what
+   a deeper fall loses is (the area of V_max - v) / V_max of time.
 
    Where the target is nearer than that ramp and the braking behind it, the ramp leads to a lower
    velocity, two bites of braking instead of one:
@@ -12,26 +12,102 @@
    velocity never turns. Where it does not fit the motion must turn: then it brakes as fast as jerk
    allows, and the shortest plan follows.
 
-   Never here: an acceleration that has to be recovered first (_recovery.c), what follows. */
+   Whole cycles: the two bites of the next longer distance, and one bite with a cruise at v1 behind it
+   that fills the same cycles, are combined (_convex.c). Both only brake, so every combination does.
+
+   Never here: an acceleration that has to be recovered first (_recovery.c). */
 #include "planner/_internal.h"
 
-enum { SETTLING_STEPS = 20 }; /* what they leave of the way is driven at the velocity found */
+enum { SETTLING_STEPS = 20 };
+
+/* ---- two bites ---- */
+
+/* Adds the ramp to v to a path that ends at velocity from, without acceleration unless it is empty. */
+static int add_ramp(const task *t, double from, double v, path *x)
+{
+    path r;
+    double k = x->count > 0 ? x->k[x->count - 1] : 0, a = x->count > 0 ? 0 : t->a0;
+    if (!sj_ramp(from, a, v - from, t->vmax, t->au, t->ad, v > from ? t->ju : t->jd, &r) ||
+        x->count + r.count > NODES)
+        return 0;
+    for (int i = 0; i < r.count; i++)
+        sj_node(x, k + r.k[i], r.a[i]);
+    return 1;
+}
+
+/* Ramp to v, so many cycles of cruise, ramp to v1. With two jerks the acceleration must not change its
+   sign in the first: zero on a node takes n (left + n J / 2) + left / 2 of the velocity. */
+static int two_bites(const task *t, double v, double cruise, path *x)
+{
+    double n = whole(-t->a0 / t->jd), left = -t->a0 - n * t->jd;
+    x->count = 0;
+    if (t->ju != t->jd && t->v0 - v < n * (left + n * t->jd / 2) + left / 2)
+        return 0;
+    if (!add_ramp(t, t->v0, v, x))
+        return 0;
+    sj_node(x, x->k[x->count - 1] + cruise, 0);
+    return add_ramp(t, v, t->v1, x);
+}
+
+static double path_cycles(const path *x) { return x->k[x->count - 1]; }
+
+/* The two bites that get beyond h in the fewest cycles: by way of the limit, or of a lower velocity,
+   to be found between `low`, whose two bites fall short of h, and the limit. */
+static int beyond(const task *t, path *y)
+{
+    double low = t->v1, high = t->vmax;
+    path x, best;
+    if (!two_bites(t, high, 0, &best))
+        return 0;
+    double left = t->h - sj_path_distance(&best, t->v0);
+    if (left > 0)
+        return left < high * LONGEST && two_bites(t, high, up(left / high), y);
+    for (int i = 0; i < SETTLING_STEPS; i++) {
+        double v = low + (high - low) / 2;
+        if (!two_bites(t, v, 0, &x))
+            return 0;
+        if (sj_path_distance(&x, t->v0) < t->h)
+            low = v;
+        else {
+            high = v;
+            if (path_cycles(&x) <= path_cycles(&best))
+                best = x;
+        }
+    }
+    *y = best;
+    return 1;
+}
+
+/* The whole move from above the limit; 0 where it must turn. */
+int sj_move_from_above(const task *start, sj_plan *p)
+{
+    task t = start->v0 < 0 ? mirrored(start) : *start;
+    path x, y;
+    x.count = 0;
+    if (!two_bites(&t, t.v1, 0, &x) || sj_path_distance(&x, t.v0) > t.h || !beyond(&t, &y))
+        return 0;
+    double n = path_cycles(&y), spare = n - path_cycles(&x);
+    if (spare < 0 || n >= LONGEST)
+        return 0;
+    sj_node(&x, n, 0);
+    return sj_convex_of(&t, n, &x, &y, p);
+}
+
+/* ---- the ramp to the limit alone ---- */
 
 /* Whether the ramp to v, and the one from there to v1, leave some of the way; *p is the first, *u what
    is left after it. */
 static int leaves_way(const task *t, double v, task *u, sj_plan *p)
 {
     path x;
-    int falls = v >= t->v1;
     *u = *t;
+    x.count = 0;
     if (!sj_go_to_velocity(u, v, p))
         return 0;
-    if (!sj_ramp(v, 0, t->v1 - v, -1, t->au, t->ad, falls ? t->jd : t->ju, &x))
-        return 0;
-    return u->h >= sj_path_distance(&x, v);
+    return add_ramp(u, v, t->v1, &x) && u->h >= sj_path_distance(&x, v);
 }
 
-/* Too near for any: brakes as fast as jerk allows up to the first cycle inside. */
+/* Brakes as fast as jerk allows up to the first cycle inside. */
 static void brake_to_velocity(task *t, sj_plan *p)
 {
     double top = t->vmax * (1 + SLACK / 2), v = t->v0;
@@ -64,14 +140,13 @@ static void brake_to_velocity(task *t, sj_plan *p)
 static void settle(task *t, sj_plan *p)
 {
     double low = t->v1, high = t->vmax;
-    task u;
+    task u, best;
     sj_plan q = *p, found = *p;
     if (leaves_way(t, high, &u, &q)) {
         *p = q;
         *t = u;
         return;
     }
-    task best;
     if (!leaves_way(t, low, &best, &found)) {
         brake_to_velocity(t, p);
         return;
@@ -90,19 +165,22 @@ static void settle(task *t, sj_plan *p)
     *t = best;
 }
 
+/* Returns whether the acceleration can end on a node then. */
+int sj_settle(task *t, sj_plan *p)
+{
+    int turned = t->v0 < 0;
+    if (turned)
+        *t = mirrored(t);
+    settle(t, p);
+    if (turned)
+        *t = mirrored(t);
+    return sj_lands(t);
+}
+
 /* A start outside its limits comes back as fast as jerk allows; its velocity does not pass below
    the limit where the way allows that. Returns whether its acceleration can end on a node then. */
 int sj_recover(task *t, sj_plan *p)
 {
     int lands = sj_recover_acceleration(t, p);
-    if (!(fabs(t->v0) > t->vmax * (1 + SLACK)) || t->v0 * t->a0 > 0)
-        return lands;
-    if (t->v0 > 0)
-        settle(t, p);
-    else {
-        *t = mirrored(t);
-        settle(t, p);
-        *t = mirrored(t);
-    }
-    return sj_lands(t);
+    return is_above(t) ? sj_settle(t, p) : lands;
 }
