@@ -174,7 +174,7 @@ int sj_convex_from(const task *t, double *n, double longest, summit *m, sj_plan 
 /* _settling.c */
 int sj_recover(task *t, sj_plan *p);
 int sj_settle(task *t, sj_plan *p);
-int sj_move_from_above(const task *start, sj_plan *p);
+int sj_move_from_above(const task *start, double cycles, sj_plan *p);
 
 /* _direct.c */
 task sj_pushed_up(const task *start);

@@ -55,7 +55,7 @@ int32_t sj_plan_move(double h, double v0, double a0, double v1, const sj_limits 
         return SJ_PLAN_INVALID;
     task t = sj_task_of(h, v0, a0, v1, l);
     int lands = sj_recover_acceleration(&t, p), above = is_above(&t);
-    int ok = above && sj_move_from_above(&t, p);
+    int ok = above && sj_move_from_above(&t, 0, p);
     int back = above || p->count > 0 ? SJ_PLAN_RECOVERY : 0;
     if (!ok) {
         if (above)

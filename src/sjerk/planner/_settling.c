@@ -51,45 +51,75 @@ static int two_bites(const task *t, double v, double cruise, path *x)
 
 static double path_cycles(const path *x) { return x->k[x->count - 1]; }
 
-/* The two bites that get beyond h in the fewest cycles: by way of the limit, or of a lower velocity,
-   to be found between `low`, whose two bites fall short of h, and the limit. */
-static int beyond(const task *t, path *y)
+/* The two bites that get beyond h in the fewest cycles, by way of *v: of the limit, or of a lower
+   velocity, between v1, whose one bite falls short of h, and the limit. */
+static int beyond(const task *t, double *v, path *y)
 {
     double low = t->v1, high = t->vmax;
-    path x, best;
-    if (!two_bites(t, high, 0, &best))
+    path x;
+    *v = high;
+    if (!two_bites(t, high, 0, y))
         return 0;
-    double left = t->h - sj_path_distance(&best, t->v0);
+    double left = t->h - sj_path_distance(y, t->v0);
     if (left > 0)
         return left < high * LONGEST && two_bites(t, high, up(left / high), y);
     for (int i = 0; i < SETTLING_STEPS; i++) {
-        double v = low + (high - low) / 2;
-        if (!two_bites(t, v, 0, &x))
+        double middle = low + (high - low) / 2;
+        if (!two_bites(t, middle, 0, &x))
             return 0;
-        if (sj_path_distance(&x, t->v0) < t->h)
-            low = v;
-        else {
-            high = v;
-            if (path_cycles(&x) <= path_cycles(&best))
-                best = x;
+        if (sj_path_distance(&x, t->v0) < t->h) {
+            low = middle;
+            continue;
+        }
+        high = middle;
+        if (path_cycles(&x) <= path_cycles(y)) {
+            *v = high;
+            *y = x;
         }
     }
-    *y = best;
     return 1;
 }
 
-/* The whole move from above the limit; 0 where it must turn. */
-int sj_move_from_above(const task *start, sj_plan *p)
+/* The two bites of n cycles next to h, on both sides, by way of velocities up to `high`; x and y are
+   such two. */
+static void narrow(const task *t, double n, double high, path *x, path *y)
+{
+    double low = t->v1;
+    path z;
+    for (int i = 0; i < SETTLING_STEPS; i++) {
+        double v = low + (high - low) / 2;
+        if (!two_bites(t, v, 0, &z))
+            return;
+        double spare = n - path_cycles(&z);
+        if (spare < 0 || !two_bites(t, v, spare, &z) || sj_path_distance(&z, t->v0) >= t->h) {
+            high = v;
+            if (spare >= 0)
+                *y = z;
+        } else {
+            low = v;
+            *x = z;
+        }
+    }
+}
+
+/* The whole move from above the limit, in `cycles`, or in the fewest: 0. Returns 0 where it must turn,
+   or does not take so many. */
+int sj_move_from_above(const task *start, double cycles, sj_plan *p)
 {
     task t = start->v0 < 0 ? mirrored(start) : *start;
     path x, y;
-    x.count = 0;
-    if (!two_bites(&t, t.v1, 0, &x) || sj_path_distance(&x, t.v0) > t.h || !beyond(&t, &y))
+    double v;
+    if (!two_bites(&t, t.v1, 0, &x) || sj_path_distance(&x, t.v0) > t.h || !beyond(&t, &v, &y))
         return 0;
-    double n = path_cycles(&y), spare = n - path_cycles(&x);
-    if (spare < 0 || n >= LONGEST)
+    double n = most(cycles, path_cycles(&y)), spare = n - path_cycles(&y);
+    if ((cycles > 0 && n > cycles) || n < path_cycles(&x) || n >= LONGEST)
         return 0;
     sj_node(&x, n, 0);
+    if (spare > 0) {
+        if (!two_bites(&t, v, 0, &y) || !two_bites(&t, v, n - path_cycles(&y), &y))
+            return 0;
+        narrow(&t, n, v, &x, &y);
+    }
     return sj_convex_of(&t, n, &x, &y, p);
 }
 
