@@ -1,6 +1,6 @@
 """What a motion is made of and given as: phases, samples and ranges, also as the memory C reads.
 
-A ``Plan`` is a row of phases between two states. Never here: the equations of motion, decisions about it.
+A ``Plan`` is a row of phases between two states. Never here: the equations of motion, decisions.
 """
 
 from __future__ import annotations
@@ -96,16 +96,9 @@ class Extrema:
     jerk: Range
 
     @classmethod
-    def along(
-        cls,
-        time: FloatArray,
-        _P: FloatArray,
-        V: FloatArray,
-        A: FloatArray,
-        J: FloatArray,
-        at: Callable[[FloatArray], Samples],
-    ) -> Extrema:
-        """Of the motion ``at``, by its nodes (n,) and the jerk from each one on."""
+    def along(cls, nodes: tuple[FloatArray, ...], at: Callable[[FloatArray], Samples]) -> Extrema:
+        """Of the motion ``at``; its ``nodes``: time, P, V, A (n,) and the jerk from each one on."""
+        time, _P, V, A, J = nodes
         times = list(time)
         for i in range(len(time) - 1):
             length = time[i + 1] - time[i]

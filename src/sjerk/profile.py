@@ -171,7 +171,7 @@ class Profile(Plan):
         >>> scurve(160.0, Limits(90.0, 500.0, 5000.0), 1e-3).extrema().acceleration.high <= 500.0
         True
         """
-        return Extrema.along(*self._all_nodes(), self.at)
+        return Extrema.along(self._all_nodes(), self.at)
 
 
 # ---- the paper's closed form, Eqs. (7)-(14) ------------------------------------------------------

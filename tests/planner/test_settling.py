@@ -1,7 +1,8 @@
-"""Limits that are lowered in motion: the velocity falls to the new limit, not below it, not back.
+"""Limits lowered in motion: the velocity falls to the new limit, not below it, not back.
 
-The judge is the rule in continuous time and closed form: ramp to the limit, cruise, ramp to the target;
-where the way is too short for both, ramps by way of a lower velocity. It shares no code with the planner.
+The judge is the rule in continuous time and closed form: ramp to the limit, cruise, ramp to the
+target; where the way is too short for both, ramps by way of a lower velocity. It shares no code
+with the planner.
 """
 
 from __future__ import annotations
@@ -94,7 +95,8 @@ class Braking:
 
 
 @pytest.mark.parametrize(
-    ("way", "most"), [(3000.0, 39817), (300.0, 3817), (60.0, 617), (40.0, 358), (35.0, 330), (32.5, 276)]
+    ("way", "most"),
+    [(3000.0, 39817), (300.0, 3817), (60.0, 617), (40.0, 358), (35.0, 330), (32.5, 276)],
 )
 def test_the_paper_s_axis_at_override_0_3(way: float, most: int) -> None:
     """From 250 the velocity falls to 75 and stays until the braking for the goal, but for what one
@@ -108,7 +110,8 @@ def test_the_paper_s_axis_at_override_0_3(way: float, most: int) -> None:
     assert not profile.retracts
     if way >= 60.0:
         cruise = [float(V) for V, A, _ in nodes[1:-1] if abs(A) < 1e-6]
-        assert cruise and min(cruise) >= 75.0 * (1 - 1.5 / (way / 75.0 / T - 200.0))
+        assert cruise
+        assert min(cruise) >= 75.0 * (1 - 1.5 / (way / 75.0 / T - 200.0))
 
 
 @pytest.mark.parametrize("way", [30.0, 20.0, 0.0, -100.0])
@@ -123,8 +126,8 @@ def test_a_plan_that_must_swing_back_says_so(way: float) -> None:
 def lowered(
     draw: st.DrawFn, *, moving: bool = False
 ) -> tuple[State, State, Limits, float, float, float]:
-    """A start above the limit; a target behind its shortest braking; the cycle, the rule's time, the
-    sign. A cycle of jerk is at most all acceleration, one of acceleration at most the limit.
+    """A start above the limit; a target behind its shortest braking; the cycle, the rule's time,
+    the sign. A cycle of jerk is at most all acceleration, one of acceleration at most the limit.
     """
     limit = draw(limits(scale=draw(units)))
     ramps = (limit.acceleration, limit.jerk), limit.braking
@@ -213,8 +216,8 @@ def test_above_the_limit_every_other_limit_holds(unit: str, asymmetric: bool, ki
 def test_a_target_in_motion_is_met_from_above_the_limit(
     case: tuple[State, State, Limits, float, float, float],
 ) -> None:
-    """Within the velocity of the start, on the target; and no later than the rule but for the cycles
-    that the target's own motion leaves no choice of.
+    """Within the velocity of the start, on the target; and no later than the rule but for the
+    cycles that the target's own motion leaves no choice of.
     """
     start, target, limit, cycle_time, time, sign = case
     profile = plan(start, target, limit, cycle_time)
@@ -254,8 +257,9 @@ def test_a_change_of_velocity_does_not_pass_its_end(v0: float, v1: float) -> Non
 
 @pytest.mark.parametrize("factor", [1.0, 1.5, 10.0])
 def test_raised_limits_lead_up_at_once(factor: float) -> None:
-    """The inverse: from a cruise at the old limit the plan rises, and never falls before the goal."""
+    """The inverse: from a cruise at the old limit the plan rises, then falls to the goal only."""
     raised = Limits(75.0 * factor, 2000.0, 15000.0)
     velocity = plan(State(0.0, 75.0), 300.0, raised, T).sample().velocity
     top = int(np.argmax(velocity))
-    assert np.all(np.diff(velocity[:top]) >= -1e-9) and np.all(np.diff(velocity[top:]) <= 1e-9)
+    assert np.all(np.diff(velocity[:top]) >= -1e-9)
+    assert np.all(np.diff(velocity[top:]) <= 1e-9)
