@@ -102,14 +102,14 @@ def main(answers: int) -> None:
         lib.sj_feedback_publish(traced.base, text)
         trace.touch(traced)
         kernel.trace = traced.base
-        end = ffi.new("int32_t *")
+        end = ffi.new("sj_clock_end *")
         options = Clock(**order.clock).to_c(cycle_time)  # type: ignore[arg-type]
         copy, _memory = rehearsal(len(axes), cycle_time) if options.spin_ns else (ffi.NULL, None)
 
         def run() -> None:
             report = ffi.addressof(kernel.feedback, "clock")
             lib.sj_clock_prepare(kernel, layout(len(axes)).size, options, report)
-            lib.sj_clock_run(kernel, copy, options, end)
+            lib.sj_clock_run(kernel, copy, options, ffi.NULL, end)
 
         cycle = threading.Thread(target=run)
         with HostWatch(segment, period_s=0.01):
@@ -118,7 +118,7 @@ def main(answers: int) -> None:
                 os.write(answers, RUNNING)
             os.close(answers)
             ends.read(1)
-            lib.sj_clock_end(end)
+            lib.sj_clock_order(end, lib.SJ_END_LEAVE)
             cycle.join()
         for mine in (segment, traced):
             lib.sj_shm_leave_kernel(mine.base)
