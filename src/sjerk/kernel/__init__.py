@@ -2,8 +2,22 @@
 
 from sjerk.kernel.axis import Axis
 from sjerk.kernel.clock import Clock
-from sjerk.kernel.config import described, load
+from sjerk.kernel.config import described, load, read_table
 from sjerk.kernel.kernel import Image, MotionKernel
+from sjerk.kernel.process import Port
 from sjerk.kernel.reactions import Reaction, Reactions
+from sjerk.kernel.tables import port_tables
 
-__all__ = ["Axis", "Clock", "Image", "MotionKernel", "Reaction", "Reactions", "described", "load"]
+__all__ = [
+    "Axis",
+    "Clock",
+    "Image",
+    "MotionKernel",
+    "Port",
+    "Reaction",
+    "Reactions",
+    "described",
+    "load",
+    "port_tables",
+    "read_table",
+]

@@ -55,7 +55,8 @@ class MainDevice:
 
         `target`: a `Line` without an interface (virtual time), or the name of an interface.
         `drives`: by axis, what drives it; a number is a position on the cable. `say`: is told what
-        happens on the bus. Raises `InputError`; `OSError` without the right to raw sockets.
+        happens on the bus. Raises `InputError`; `OSError` without the
+        right to raw sockets; `BusError` where another main device is there.
         """
         self._kernel = kernel
         given = {
@@ -64,7 +65,9 @@ class MainDevice:
         }
         self._line = target if isinstance(target, Line) else None
         self._transport = (
-            LineTransport(target) if isinstance(target, Line) else InterfaceTransport(target)
+            LineTransport(target)
+            if isinstance(target, Line)
+            else InterfaceTransport(target, alone=True)
         )
         self._cycle_ns = round(kernel.cycle_time * 1e9)
         self.bus = Bus(

@@ -6,6 +6,7 @@ two sockets with filters in the system. Never here: what a frame means.
 
 from __future__ import annotations
 
+import errno
 import select
 import socket
 import time
@@ -13,6 +14,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from sjerk._binding import lib
+from sjerk.ports.ethercat.access import BusError
 from sjerk.ports.ethercat.datagrams import (
     FIRST_INDEX,
     INDICES,
@@ -24,6 +26,7 @@ from sjerk.ports.ethercat.datagrams import (
 from sjerk.ports.ethercat.line import Line
 
 _FIRST_CYCLIC, _LAST = 0x80, 0xFF
+_LISTEN_S = 0.1
 _PATIENCE_S = 0.02  # for one answer
 _LONGEST = 2048
 
@@ -34,6 +37,51 @@ def open_socket(interface: str, first: int, last: int) -> socket.socket:
     if descriptor < 0:
         raise OSError(-descriptor, f"no raw socket on {interface}")
     return socket.socket(fileno=descriptor)
+
+
+def cyclic_socket(interface: str) -> socket.socket:
+    """For the frames of the cycle; it never waits."""
+    cyclic = open_socket(interface, _FIRST_CYCLIC, _LAST)
+    cyclic.setblocking(False)
+    return cyclic
+
+
+def claimed(interface: str) -> bool:
+    """Whether a program of sjerk is the main device at an interface."""
+    try:
+        _named(interface).close()
+    except BusError:
+        return True
+    return False
+
+
+def claim(interface: str) -> socket.socket:
+    """Be the only main device at an interface, as long as the socket is open; raises `BusError`.
+
+    Other programs of sjerk are kept out by a name; others are heard for a while.
+    """
+    name = _named(interface)
+    try:
+        with open_socket(interface, 0, _LAST) as listening:
+            if select.select([listening], [], [], _LISTEN_S)[0]:
+                raise BusError(f"another main device sends on {interface}: only one may")
+    except BaseException:
+        name.close()
+        raise
+    return name
+
+
+def _named(interface: str) -> socket.socket:
+    """Hold the interface's name; raises `BusError` where another program does."""
+    name = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    try:
+        name.bind(f"\0sjerk-ethercat-{interface}")
+    except OSError as error:
+        name.close()
+        if error.errno != errno.EADDRINUSE:
+            raise
+        raise BusError(f"another program of sjerk is the main device on {interface}") from error
+    return name
 
 
 class LineTransport:
@@ -76,8 +124,9 @@ class LineTransport:
 class InterfaceTransport:
     """A network interface."""
 
-    def __init__(self, interface: str) -> None:
-        """Raises `OSError`."""
+    def __init__(self, interface: str, *, alone: bool = False) -> None:
+        """Raises `OSError`; `alone`: `BusError` where another main device is at the interface."""
+        self._claim = claim(interface) if alone else None
         self._requests = open_socket(interface, FIRST_INDEX, FIRST_INDEX + INDICES - 1)
         self._cycle: socket.socket | None = None
         self._interface = interface
@@ -107,8 +156,7 @@ class InterfaceTransport:
 
     def _cyclic(self) -> Any:
         if self._cycle is None:
-            self._cycle = open_socket(self._interface, _FIRST_CYCLIC, _LAST)
-            self._cycle.setblocking(False)
+            self._cycle = cyclic_socket(self._interface)
         return self._cycle
 
     def send(self, frame: bytes) -> None:
@@ -126,5 +174,6 @@ class InterfaceTransport:
     def close(self) -> None:
         """Give the interface back."""
         self._requests.close()
-        if self._cycle is not None:
-            self._cycle.close()
+        for other in (self._cycle, self._claim):
+            if other is not None:
+                other.close()
