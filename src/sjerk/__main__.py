@@ -14,6 +14,7 @@ from sjerk.cli import (
     clean,
     demo,
     drive,
+    ethercat,
     follow,
     home,
     jog,
@@ -57,6 +58,7 @@ _VERBS = (
     follow,
     drive,
     ros2,
+    ethercat,
     clean,
 )
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from sjerk.errors import InputError
 from sjerk.executor.history import Cut, History
-from sjerk.host import Feedback, Host, Path, PathState, Progress
+from sjerk.host import Feedback, Host, Path, PathFeedback, PathState, Progress
 from sjerk.trajectory.segments import Followed, Knot
 
 #: Cycles for an order to be taken by the kernel; and to begin with for planning too.
@@ -73,6 +73,18 @@ class Sequencer:
         if progress.point < self.first:
             return 0.0
         return self._history.passed(progress.point) * self._T + progress.time
+
+    def other(self, frame: Feedback) -> PathFeedback | None:
+        """The path of another hand that the kernel has in play; None: there is none."""
+        path, mine = frame.path, [self.path, *(self._before or ())[:1]]
+        if path.state.ended or not path.axes:
+            return None
+        return None if any(own and own.goal_id == path.goal_id for own in mine) else path
+
+    @property
+    def plays(self) -> bool:
+        """Whether the newest motion is known to be in play."""
+        return self._before is None and self.path is not None and not self.path.state.ended
 
     # ---- motions
 
