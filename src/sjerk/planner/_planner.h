@@ -50,10 +50,11 @@ int32_t sj_plan_together(int32_t n, const sj_request *requests, const sj_limits 
 
 /* Requests between samples, for several axes and for many (_axes.c). */
 enum sj_synchronization {
-    SJ_SYNC_NONE = 0, /* each axis as soon as it can */
-    SJ_SYNC_TIME = 1, /* all axes arrive in the same cycle */
+    SJ_SYNC_NONE = 0,  /* each axis as soon as it can */
+    SJ_SYNC_TIME = 1,  /* all axes arrive in the same cycle */
     SJ_SYNC_PHASE = 2, /* the same phases: rest to rest on a straight line */
-    SJ_SYNC_EXACT = 4 /* added: cruise at the velocity limit exactly; not of axes together in time */
+    SJ_SYNC_EXACT =
+        4 /* added: cruise at the velocity limit exactly; not of axes together in time */
 };
 
 /* States and limits as memory of sj_state and sj_limits, since Python passes joined bytes: n starts and
