@@ -31,6 +31,8 @@ from sjerk.trajectory.files import read_bag, read_table, write_table
 
 #: Two way-points are one where a joint differs by less than this share of its limit or delta.
 RELATIVE = 1e-9
+#: An end velocity below this share of its limit is rest; without limits, of the joint's largest.
+REST = 1e-4
 
 
 class ExecutionMode(enum.Enum):
@@ -165,7 +167,8 @@ class Trajectory:
         ``limits``: one per joint, in the order of ``joint_names`` or by name: positions, and
         velocities and accelerations where given. ``joints``: those of the machine, any order.
         ``start`` (N,): where the joints are; a first point at time 0 further away than
-        ``start_tolerance`` (the joint's unit) is a jump, a later one is a ramp. ``begins`` and
+        ``start_tolerance`` (the joint's unit) is a jump, a later one is a ramp. An end velocity
+        that is no more than 1e-4 of its limit (else of the joint's largest) is 0. ``begins`` and
         ``now`` in seconds of one clock: the moment of time 0, and the present.
 
         >>> reach = Limits(1.0, 1.0, 1.0, position=(-1.0, 1.0))
@@ -181,11 +184,7 @@ class Trajectory:
         if start is not None:
             found += self._jump_faults(start, start_tolerance)
         if self.velocity is not None and not end_velocity_allowed:
-            last = len(self) - 1
-            for joint, speed in zip(self.joint_names, self.velocity[-1], strict=True):
-                if speed != 0.0:
-                    why = f"velocity = {speed} at the end, must be 0"
-                    found.append(TrajectoryFault(FaultKind.END_VELOCITY, why, last, joint))
+            found += self._end_faults(limits)
         if begins is not None and begins + self.duration < now:
             why = f"ended {now - begins - self.duration:g} s ago"
             found.append(TrajectoryFault(FaultKind.PAST, why, len(self) - 1))
@@ -248,6 +247,25 @@ class Trajectory:
                         why = f"{name} = {column[point, i]} exceeds {most}"
                         found.append(TrajectoryFault(kind, why, int(point), joint))
         return found
+
+    def _end_faults(
+        self, limits: Limits | Sequence[Limits] | Mapping[str, Limits] | None
+    ) -> list[TrajectoryFault]:
+        """Planners leave what rounding makes of 0; as small as that it is an end at rest."""
+        assert self.velocity is not None
+        most = np.abs(self.velocity).max(axis=0)
+        if limits is not None:
+            most = np.array([limit.velocity for limit in self.limits_in_order(limits)])
+        return [
+            TrajectoryFault(
+                FaultKind.END_VELOCITY,
+                f"velocity = {speed} at the end, must be 0 (within {REST:g} of {full:g})",
+                len(self) - 1,
+                joint,
+            )
+            for joint, speed, full in zip(self.joint_names, self.velocity[-1], most, strict=True)
+            if abs(speed) > REST * full
+        ]
 
     def _jump_faults(self, start: ArrayLike, tolerance: float) -> list[TrajectoryFault]:
         here = np.asarray(start, dtype=np.float64)
