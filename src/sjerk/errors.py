@@ -85,8 +85,9 @@ class MotionStoppedError(SjerkError):
     """A move ended elsewhere: stopped or replaced, or a drive went into a fault.
 
     ``positions`` are the commanded ones by axis, ``faults`` the error codes (603Fh) of the drives
-    that are in a fault, by axis; ``unhomed`` the axis whose homing failed, or None. ``names``: of
-    all axes, for the text.
+    that are in a fault, by axis; ``unhomed`` the axis whose homing failed, or None; ``switches``
+    the limit switches that are closed (60FDh: 1 negative, 2 positive, 3 both), by axis. ``names``:
+    of all axes, for the text.
 
     >>> print(MotionStoppedError({1: 0.25}, names=["shoulder", "elbow"]))
     stopped or replaced before the goal, commanded positions: axis 1 (elbow) 0.25
@@ -97,12 +98,14 @@ class MotionStoppedError(SjerkError):
         positions: dict[int, float],
         faults: dict[int, int] | None = None,
         unhomed: int | None = None,
+        switches: dict[int, int] | None = None,
         *,
         names: Sequence[str] = (),
     ) -> None:
         self.positions = positions
         self.unhomed = unhomed
         self.faults = faults or {}
+        self.switches = switches or {}
         super().__init__(self.told(lambda i: axis_label(i, names)))
 
     def told(self, label: Callable[[int], str]) -> str:
@@ -111,6 +114,10 @@ class MotionStoppedError(SjerkError):
         why = f"drive fault ({codes})" if codes else "stopped or replaced"
         if self.unhomed is not None:
             why = f"homing of {label(self.unhomed)} failed" + (f", {why}" if codes else "")
+        if self.switches:
+            sides = ("negative", "positive", "negative and positive")
+            closed = (f"{label(i)}: {sides[side - 1]}" for i, side in self.switches.items())
+            why += f", limit switch closed ({', '.join(closed)})"
         at = ", ".join(f"{label(i)} {position!r}" for i, position in self.positions.items())
         return f"{why} before the goal, commanded positions: {at}"
 

@@ -188,6 +188,7 @@ def test_every_kind_of_event_has_words() -> None:
         (EventKind.SYNC, 1, 0x8130, 0.0, "axis 1 (elbow): link lost, 8130h"),
         (EventKind.STOP, -1, StopKind.HALT, 77.0, "halt of all axes by process 77"),
         (EventKind.STOP, 1, StopKind.QUICK_STOP, 0.0, "quick stop of axis 1 (elbow) by a process"),
+        (EventKind.SWITCH, 1, 2, 0.0, "axis 1 (elbow): limit switches: positive closed"),
     ]
     assert {case[0] for case in cases} == set(EventKind)
     for kind, axis, code, value, words in cases:
@@ -196,7 +197,7 @@ def test_every_kind_of_event_has_words() -> None:
         assert str(event) == f"cycle 12: {event.words}"
     for kind in EventKind:
         for code in range(-3, 40):
-            if kind not in (EventKind.STATE, EventKind.PATH, EventKind.STOP):
+            if kind not in (EventKind.STATE, EventKind.PATH, EventKind.STOP, EventKind.SWITCH):
                 assert Event.of(1, kind, -1, code, 0.0, 1).words
 
 

@@ -137,6 +137,7 @@ def axis_rows(feedback: Feedback) -> list[dict[str, Any]]:
         | {
             "state": axis.state.name,
             "drive": axis.drive_state.name,
+            "switches": axis.limit_switches.name or "",
             "position": round(axis.position, 9),
             "actual": round(axis.actual_position, 6),
             "velocity": round(axis.velocity, 6),

@@ -6,13 +6,13 @@ Never here: commands, waiting, the layout of the memory.
 from __future__ import annotations
 
 import threading
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
-from sjerk.errors import RefusedError
+from sjerk.errors import MotionStoppedError, RefusedError
 from sjerk.handshake import Segment
 from sjerk.host.events import EventKind
-from sjerk.host.feedback import PathState
+from sjerk.host.feedback import PathState, switches_of
 from sjerk.host.reader import EventCursor
 from sjerk.host.reasons import HOMING_FAILED, REASONS
 
@@ -22,6 +22,23 @@ _KEPT = 4096  # answers of each kind
 def refusal(code: int, axis: int, detail: str = "", *, names: Sequence[str] = ()) -> RefusedError:
     """The error of an ``enum sj_result``; ``axis`` -1: of none in particular; ``names``: of all."""
     return RefusedError(code, "; ".join(filter(None, (REASONS[code], detail))), axis, names)
+
+
+def stopped(
+    frame: Any, axes: Iterable[int], unhomed: int | None = None, *, names: Sequence[str] = ()
+) -> MotionStoppedError:
+    """The error of a motion that ended elsewhere, and why, as far as the frame says.
+
+    ``names``: of all axes.
+    """
+    rows = {i: frame.axis[i] for i in axes}
+    return MotionStoppedError(
+        {i: float(axis.position) for i, axis in rows.items()},
+        {i: int(axis.error_code) for i, axis in rows.items() if axis.fault},
+        unhomed,
+        {i: int(closed) for i, axis in rows.items() if (closed := switches_of(axis))},
+        names=names,
+    )
 
 
 class Answers:

@@ -11,7 +11,7 @@ from enum import IntEnum
 
 from sjerk._binding import lib
 from sjerk.cycle.states import AxisState
-from sjerk.host.feedback import PathState
+from sjerk.host.feedback import LimitSwitch, PathState
 from sjerk.host.reasons import HOMING_FAILED, REASONS, fault_words
 
 
@@ -31,6 +31,7 @@ class EventKind(IntEnum):
     REACHED = lib.SJ_EVENT_REACHED  #: All axes of a goal are on it, to the last bit.
     SYNC = lib.SJ_EVENT_SYNC  #: The link to a drive is lost, or its process data are stale.
     STOP = lib.SJ_EVENT_STOP  #: Another process than the host has asked for a stop.
+    SWITCH = lib.SJ_EVENT_SWITCH  #: A limit switch of an axis has closed or opened.
 
 
 class StopKind(IntEnum):
@@ -46,7 +47,8 @@ class Event:
 
     ``axis`` is None for all. ``code``: of a goal or of limits the ``enum sj_result``, of a state
     the new ``AxisState``, of a path the new ``PathState``, of a fault the drive's 603Fh (-1: homing
-    failed), of a stop the ``StopKind``. ``value``: the state before, the way-point ahead, the
+    failed), of a stop the ``StopKind``, of a switch the ``LimitSwitch`` of those that are closed
+    now. ``value``: the state or the switches before, the way-point ahead, the
     following error (axis unit), how many cycles were late, or of a stop the process (0: not known,
     more than 32 processes stop this kernel). REACHED: in the frame ``cycle`` all axes of
     ``goal_id`` are on their goals, to the last bit.
@@ -168,6 +170,11 @@ def _sync(event: Event) -> str:
     return f"{event.where}: {why}"
 
 
+def _switch(event: Event) -> str:
+    sides = ("open", "negative closed", "positive closed", "negative and positive closed")
+    return f"{event.where}: limit switches: {sides[LimitSwitch(event.code)]}"
+
+
 def _stop(event: Event) -> str:
     who = "a process that is not known" if event.pid is None else f"process {event.pid}"
     return f"{StopKind(event.code).name.lower().replace('_', ' ')} of {event.where} by {who}"
@@ -190,5 +197,6 @@ _WORDS: dict[EventKind, Callable[[Event], str]] = {
     EventKind.PATH: _path,
     EventKind.REACHED: lambda event: f"goal {event.goal_id} is reached",
     EventKind.SYNC: _sync,
+    EventKind.SWITCH: _switch,
     EventKind.STOP: _stop,
 }

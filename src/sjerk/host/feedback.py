@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from enum import Enum, IntEnum
+from enum import Enum, IntEnum, IntFlag
 from typing import Any
 
 from sjerk._binding import ffi, lib
@@ -58,6 +58,13 @@ class PathFeedback:
     known: int
 
 
+class LimitSwitch(IntFlag):
+    """Limit switches of an axis that are closed, as 60FDh has them."""
+
+    NEGATIVE = lib.SJ_DI_NEGATIVE  #: The switch in negative direction of the motor is closed.
+    POSITIVE = lib.SJ_DI_POSITIVE  #: The switch in positive direction of the motor is closed.
+
+
 @dataclass(frozen=True)
 class AxisFeedback:
     """One axis in one cycle; positions in axis units, time in seconds.
@@ -65,8 +72,10 @@ class AxisFeedback:
     ``position`` to ``jerk`` are the commanded sample, ``peak_*`` the largest magnitudes of it since
     the last goal came, ``actual_*`` the encoder's. ``settled``: the goal has been reached.
     ``following_error`` is the drive's own (60F4h, increments), of which ``counts_per_unit`` make
-    one axis unit. ``limits`` are those in force, with the position limits; ``wrap`` axis units make
-    one turn, 0 for none. ``name`` is "" where the axis has none.
+    one axis unit; ``digital_inputs`` its 60FDh. ``velocity_offset`` (60B1h) and ``torque_offset``
+    (60B2h) are what the kernel feeds forward, in the drive's own units. ``limits`` are those in
+    force, with the position limits; ``wrap`` axis units make one turn, 0 for none. ``name`` is ""
+    where the axis has none.
     """
 
     position: float
@@ -85,6 +94,9 @@ class AxisFeedback:
     following_error: int
     statusword: int
     error_code: int
+    digital_inputs: int
+    velocity_offset: int
+    torque_offset: int
     moving: bool
     settled: bool
     follows: bool
@@ -101,6 +113,11 @@ class AxisFeedback:
     def turned(self) -> float:
         """The commanded position within one turn, 0 .. ``wrap``; ``position`` without a wrap."""
         return self.position % self.wrap if self.wrap else self.position
+
+    @property
+    def limit_switches(self) -> LimitSwitch:
+        """The limit switches that are closed; none is 0."""
+        return switches_of(self)
 
     @property
     def drive_state(self) -> DriveState:
@@ -167,6 +184,11 @@ def names_of(frame: Any) -> tuple[str, ...]:
     return tuple(ffi.string(frame.axis[i].name).decode() for i in range(frame.axes))
 
 
+def switches_of(axis: Any) -> LimitSwitch:
+    """The limit switches that are closed, of anything with ``digital_inputs`` (60FDh)."""
+    return LimitSwitch(axis.digital_inputs & (LimitSwitch.NEGATIVE | LimitSwitch.POSITIVE))
+
+
 def limits_of(raw: Any, T: float) -> Limits:
     """The limits in force of a ``sj_axis_feedback``, per second."""
     own = raw.limits
@@ -211,6 +233,9 @@ def _axis_feedback(raw: Any, T: float) -> AxisFeedback:
         following_error=raw.following_error,
         statusword=raw.statusword,
         error_code=raw.error_code,
+        digital_inputs=raw.digital_inputs,
+        velocity_offset=raw.velocity_offset,
+        torque_offset=raw.torque_offset,
         moving=bool(raw.moving),
         settled=bool(raw.settled),
         follows=bool(raw.follows),

@@ -10,8 +10,8 @@ from enum import Enum
 from typing import Any
 
 from sjerk._binding import lib
-from sjerk.errors import MotionStoppedError, SupersededError, axis_label
-from sjerk.host.answers import refusal
+from sjerk.errors import SupersededError, axis_label
+from sjerk.host.answers import refusal, stopped
 from sjerk.host.arguments import exceeded
 from sjerk.host.feedback import limits_of
 from sjerk.host.link import Link
@@ -208,7 +208,5 @@ class Move:
         if state is MoveState.SUPERSEDED:
             raise SupersededError(self.position, names=names)
         if state is MoveState.STOPPED:
-            axes = {i: frame.axis[i] for i in self._targets}
-            faults = {i: int(axis.error_code) for i, axis in axes.items() if axis.fault}
             unhomed = self._link.answers.unhomed(self._goal_id)
-            raise MotionStoppedError(self.position, faults, unhomed, names=names)
+            raise stopped(frame, self._targets, unhomed, names=names)

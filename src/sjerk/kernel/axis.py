@@ -12,6 +12,7 @@ from typing import Any, Literal
 from sjerk._binding import ffi
 from sjerk.cia402 import DriveConfig
 from sjerk.errors import InputError, positive, real
+from sjerk.kernel.feed_forward import FeedForward
 from sjerk.profile import Limits
 
 #: A longer name does not fit into a frame of the feedback.
@@ -29,8 +30,11 @@ class Axis:
     an axis that turns for ever. ``following_error`` (axis unit): beyond it the kernel reacts.
     ``drive``: the simulated one; ``"ideal"``: without mechanics, always on its target;
     ``"external"``: the caller exchanges ``MotionKernel.image`` around ``step``. ``start``: where a
-    simulated drive stands when the kernel begins, to the nearest increment; None: at 0. Raises
-    InputError.
+    simulated drive stands when the kernel begins, to the nearest increment; None: at 0.
+    ``feed_forward``: what the kernel sends with each target. ``"velocity"``: 60B1h; ``"torque"``:
+    60B1h and 60B2h, for the motor of ``drive``; a ``FeedForward``: for the one it says; None:
+    nothing. A simulated drive's own feed-forward of the same is then off, lest it count twice; that
+    of an external drive is to be turned off there. Raises InputError.
 
     >>> Axis(Limits(90.0, 500.0, 5000.0), 2**24 / 360, unit="deg", gear=100.0).unit
     'deg'
@@ -49,6 +53,7 @@ class Axis:
     wrap: float | None = None
     stop_limits: Limits | None = None
     following_error: float | None = None
+    feed_forward: FeedForward | Literal["velocity", "torque"] | None = None
     name: str = ""
     start: float | None = None
 
@@ -76,6 +81,7 @@ class Axis:
             )
         if self.start is not None:
             self._check_start()
+        self._check_feed_forward()
 
     def _check_start(self) -> None:
         start = real("start", self.start)
@@ -90,6 +96,51 @@ class Axis:
             raise InputError("start", start, f"the drive counts up to {reach:.9g} either way")
         object.__setattr__(self, "start", start)
 
+    def _check_feed_forward(self) -> None:
+        wanted = self.feed_forward
+        if wanted is None:
+            return
+        if not isinstance(wanted, FeedForward) and wanted not in ("velocity", "torque"):
+            raise InputError(
+                "feed_forward", wanted, "must be 'velocity', 'torque', a FeedForward or None"
+            )
+        if self.drive == "ideal":
+            raise InputError("feed_forward", wanted, "an ideal drive has no loop to feed")
+        if self.drive == "external" and wanted == "torque":
+            raise InputError(
+                "feed_forward", wanted, "the motor of an external drive must be given: FeedForward"
+            )
+
+    @property
+    def fed_forward(self) -> FeedForward | None:
+        """What is fed forward, with the motor that it is for; None: nothing.
+
+        >>> axis = Axis(Limits(90.0, 500.0, 5000.0), 2**24 / 360, feed_forward="torque")
+        >>> axis.fed_forward.friction_nm
+        0.04
+        """
+        if self.feed_forward is None or isinstance(self.feed_forward, FeedForward):
+            return self.feed_forward
+        if isinstance(self.drive, DriveConfig):
+            return FeedForward.of(self.drive, torque=self.feed_forward == "torque")
+        return FeedForward()
+
+    def simulated(self, T: float) -> DriveConfig | None:
+        """The simulated drive at this cycle time, without what the kernel feeds forward; or None.
+
+        >>> axis = Axis(Limits(90.0, 500.0, 5000.0), 2**24 / 360, feed_forward="velocity")
+        >>> axis.simulated(1e-3).velocity_feedforward
+        0.0
+        """
+        if isinstance(self.drive, str):
+            return None
+        fed, off = self.fed_forward, {}
+        if fed is not None:
+            off["velocity_feedforward"] = 0.0
+        if fed is not None and fed.rated_torque_nm is not None:
+            off["acceleration_feedforward"] = 0.0
+        return self.drive.changed(period_s=T, **off)
+
     def to_c(self, T: float) -> Any:
         """The ``sj_axis_config *`` at this cycle time."""
         config = ffi.new("sj_axis_config *")
@@ -102,6 +153,12 @@ class Axis:
         config.following_limit = self.following_error or math.inf
         config.velocity_max = math.inf
         config.wrap = self.wrap or 0.0
+        config.feed_forward.friction_step = 1.0
+        if self.fed_forward is not None:
+            words = self.fed_forward.to_c(config.counts_per_unit, T)
+            for limits in (self.limits, self.stop_limits or self.limits):
+                self.fed_forward.check(words, limits, T)
+            config.feed_forward = words[0]
         config.external = self.drive == "external"
         config.ideal = self.drive == "ideal"
         config.unit = self.unit.encode()
