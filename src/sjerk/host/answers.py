@@ -27,10 +27,7 @@ def refusal(code: int, axis: int, detail: str = "", *, names: Sequence[str] = ()
 def stopped(
     frame: Any, axes: Iterable[int], unhomed: int | None = None, *, names: Sequence[str] = ()
 ) -> MotionStoppedError:
-    """The error of a motion that ended elsewhere, and why, as far as the frame says.
-
-    ``names``: of all axes.
-    """
+    """The error of a motion that ended elsewhere, and why, as far as the frame says."""
     rows = {i: frame.axis[i] for i in axes}
     return MotionStoppedError(
         {i: float(axis.position) for i, axis in rows.items()},

@@ -170,14 +170,17 @@ def _sync(event: Event) -> str:
     return f"{event.where}: {why}"
 
 
-def _switch(event: Event) -> str:
-    sides = ("open", "negative closed", "positive closed", "negative and positive closed")
-    return f"{event.where}: limit switches: {sides[LimitSwitch(event.code)]}"
-
-
 def _stop(event: Event) -> str:
     who = "a process that is not known" if event.pid is None else f"process {event.pid}"
     return f"{StopKind(event.code).name.lower().replace('_', ' ')} of {event.where} by {who}"
+
+
+def _switch(event: Event) -> str:
+    closed = LimitSwitch(event.code)
+    if not closed:
+        return f"{event.where}: limit switches are open"
+    sides = " and ".join(side.name.lower() for side in closed if side.name)
+    return f"{event.where}: limit switch closed, {sides}"
 
 
 _WORDS: dict[EventKind, Callable[[Event], str]] = {
@@ -197,6 +200,6 @@ _WORDS: dict[EventKind, Callable[[Event], str]] = {
     EventKind.PATH: _path,
     EventKind.REACHED: lambda event: f"goal {event.goal_id} is reached",
     EventKind.SYNC: _sync,
-    EventKind.SWITCH: _switch,
     EventKind.STOP: _stop,
+    EventKind.SWITCH: _switch,
 }

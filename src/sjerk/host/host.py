@@ -279,6 +279,8 @@ class Host(Observer):
         """
         patience(timeout)
         chosen = axis_numbers(axes, self.axis_count)
+        if not isinstance(limits, Limits):
+            raise InputError("limits", limits, "must be a Limits")
         with self._link.lock:
             for i in chosen:
                 entry = self._link.command.axis[i]

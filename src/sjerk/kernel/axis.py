@@ -29,12 +29,12 @@ class Axis:
     limits. ``stop_limits``: of the quick stop, else ``limits``. ``wrap``: axis units of one turn of
     an axis that turns for ever. ``following_error`` (axis unit): beyond it the kernel reacts.
     ``drive``: the simulated one; ``"ideal"``: without mechanics, always on its target;
-    ``"external"``: the caller exchanges ``MotionKernel.image`` around ``step``. ``start``: where a
-    simulated drive stands when the kernel begins, to the nearest increment; None: at 0.
+    ``"external"``: the caller exchanges ``MotionKernel.image`` around ``step``.
     ``feed_forward``: what the kernel sends with each target. ``"velocity"``: 60B1h; ``"torque"``:
     60B1h and 60B2h, for the motor of ``drive``; a ``FeedForward``: for the one it says; None:
     nothing. A simulated drive's own feed-forward of the same is then off, lest it count twice; that
-    of an external drive is to be turned off there. Raises InputError.
+    of an external drive is to be turned off there. ``start``: where a simulated drive stands when
+    the kernel begins, to the nearest increment; None: at 0. Raises InputError.
 
     >>> Axis(Limits(90.0, 500.0, 5000.0), 2**24 / 360, unit="deg", gear=100.0).unit
     'deg'

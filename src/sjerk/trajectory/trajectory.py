@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sjerk.errors import InputError, positive
+from sjerk.limits import limits_of_each
 from sjerk.profile import FloatArray, Limits
 from sjerk.trajectory.columns import Columns
 from sjerk.trajectory.faults import (
@@ -152,7 +153,7 @@ class Trajectory:
 
     def faults(
         self,
-        limits: Sequence[Limits] | Mapping[str, Limits] | None = None,
+        limits: Limits | Sequence[Limits] | Mapping[str, Limits] | None = None,
         *,
         joints: Sequence[str] | None = None,
         start: ArrayLike | None = None,
@@ -190,7 +191,7 @@ class Trajectory:
         return tuple(found)
 
     def check(
-        self, limits: Sequence[Limits] | Mapping[str, Limits] | None = None, **options: Any
+        self, limits: Limits | Sequence[Limits] | Mapping[str, Limits] | None = None, **options: Any
     ) -> None:
         """Raise TrajectoryError with everything that ``faults`` (same arguments) finds."""
         found = self.faults(limits, **options)
@@ -208,20 +209,22 @@ class Trajectory:
             if joint not in self.joint_names
         ]
 
-    def limits_in_order(self, limits: Sequence[Limits] | Mapping[str, Limits]) -> list[Limits]:
-        """One ``Limits`` per joint in the order of ``joint_names``; raises InputError."""
+    def limits_in_order(
+        self, limits: Limits | Sequence[Limits] | Mapping[str, Limits]
+    ) -> list[Limits]:
+        """One ``Limits`` per joint in the order of ``joint_names``; raises InputError.
+
+        ``limits``: one for all joints, one each in order, or by name.
+        """
         if isinstance(limits, Mapping):
             missing = [joint for joint in self.joint_names if joint not in limits]
             if missing:
                 raise InputError("limits", sorted(limits), f"must have {', '.join(missing)}")
-            return [limits[joint] for joint in self.joint_names]
-        if len(limits) != len(self.joint_names):
-            most = len(self.joint_names)
-            raise InputError("limits", len(limits), f"must be one per joint: {most}")
-        return list(limits)
+            limits = [limits[joint] for joint in self.joint_names]
+        return limits_of_each(limits, len(self.joint_names))
 
     def _limit_faults(
-        self, limits: Sequence[Limits] | Mapping[str, Limits]
+        self, limits: Limits | Sequence[Limits] | Mapping[str, Limits]
     ) -> list[TrajectoryFault]:
         found = []
         for i, (joint, limit) in enumerate(
@@ -246,7 +249,7 @@ class Trajectory:
         return found
 
     def _end_faults(
-        self, limits: Sequence[Limits] | Mapping[str, Limits] | None
+        self, limits: Limits | Sequence[Limits] | Mapping[str, Limits] | None
     ) -> list[TrajectoryFault]:
         """Planners leave what rounding makes of 0; as small as that it is an end at rest."""
         assert self.velocity is not None
