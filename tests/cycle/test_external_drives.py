@@ -194,7 +194,7 @@ def test_a_limit_switch_is_told_with_its_side(side: LimitSwitch, way: int) -> No
     told = [e for e in line.host.events()[0] if e.kind in (EventKind.SWITCH, EventKind.ANCHOR)]
     assert [(e.kind, e.axis) for e in told] == [(EventKind.SWITCH, 0), (EventKind.ANCHOR, 0)]
     assert (told[0].code, told[0].value) == (side, 0.0)
-    assert str(told[0]).endswith(f"SWITCH {side.name}")
+    assert str(told[0]).endswith(f"axis 0: limit switch closed, {side.name.lower()}")
     with pytest.raises(
         MotionStoppedError, match=f"limit switch closed .axis 0: {side.name.lower()}"
     ):  # type: ignore[union-attr]
@@ -203,7 +203,7 @@ def test_a_limit_switch_is_told_with_its_side(side: LimitSwitch, way: int) -> No
     line.step(3000)
     (opened,) = [e for e in line.host.events()[0] if e.kind is EventKind.SWITCH]
     assert (opened.code, opened.value) == (0, float(side))
-    assert str(opened).endswith("SWITCH OPEN")
+    assert str(opened).endswith("axis 0: limit switches are open")
     assert line.host.feedback().axes[0].limit_switches == LimitSwitch(0)
 
 

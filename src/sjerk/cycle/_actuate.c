@@ -24,11 +24,15 @@ static int32_t settling(const sj_kernel *kernel, sj_axis *ax, int32_t i)
     return ax->still * T < 0.02 && ax->resting * T < 1.0;
 }
 
-/* A drive is disabled only at rest, its motor's too. */
+/* A drive is disabled only at rest, its motor's too. In ErrorStop none is switched on: one that lost its
+ * power or its link and comes back stays without current until somebody resets the axis. */
 static int32_t wanted(const sj_kernel *kernel, sj_axis *ax, int32_t i)
 {
     int32_t settles = settling(kernel, ax, i);
-    return (ax->enable && !kernel->ending) || (ax->following && (axis_moving(ax) || settles));
+    int32_t allowed =
+        ax->state != SJ_AXIS_ERROR_STOP || sj_master_enabled(kernel->tx[i].statusword);
+    return (ax->enable && !kernel->ending && allowed) ||
+           (ax->following && (axis_moving(ax) || settles));
 }
 
 static void send(sj_kernel *kernel, int32_t i)

@@ -27,9 +27,11 @@ typedef struct {
     double velocity_max;    /* per cycle: what the drive follows; inf: unknown */
     double wrap;
     sj_feed_forward feed_forward;
+    double start;     /* axis unit; where a simulated drive stands before the first cycle */
     int32_t external; /* 1: rx and tx are exchanged by the caller */
     int32_t ideal;    /* 1: a drive without mechanics, always on its target */
     char unit[16];
+    char name[64];
 } sj_axis_config;
 
 typedef struct {

@@ -29,10 +29,11 @@ static int follows(uint16_t statusword)
 
 int32_t sj_master_fault(uint16_t statusword) { return (statusword & SJ_SW_FAULT) != 0; }
 
-/* 81xxh: communication (8130h the link), 87xxh: synchronisation. */
+/* 81xxh: communication (8130h the link), 8250h: no process data, 87xxh: synchronisation. */
 int32_t sj_master_lost(uint16_t error_code)
 {
-    return (error_code & 0xFF00) == 0x8100 || (error_code & 0xFF00) == 0x8700;
+    return (error_code & 0xFF00) == 0x8100 || error_code == 0x8250 ||
+           (error_code & 0xFF00) == 0x8700;
 }
 
 /* Transitions 2, 3, 4 upwards, 5 and 6 downwards; 15 by the rising edge of `reset`. */

@@ -219,10 +219,10 @@ class Path:
             if code in (lib.SJ_RESULT_NONE, lib.SJ_RESULT_ACCEPTED):
                 code = frame.path.result
             axis, detail = self._reason(code, frame, axis)
-            raise refusal(code, axis, detail)
+            raise refusal(code, axis, detail, names=self._link.names)
         if state is PathState.SUPERSEDED:
-            raise SupersededError(position)
-        raise stopped(frame, self._goal.axes)
+            raise SupersededError(position, names=self._link.names)
+        raise stopped(frame, self._goal.axes, names=self._link.names)
 
     def _reason(self, code: int, frame: Any, axis: int) -> tuple[int, str]:
         """The axis that a refusal is about, or -1, and the values, as far as they are known here.

@@ -11,15 +11,19 @@ from typing import Any, Literal
 
 from sjerk._binding import ffi
 from sjerk.cia402 import DriveConfig
-from sjerk.errors import InputError, positive
+from sjerk.errors import InputError, positive, real
 from sjerk.kernel.feed_forward import FeedForward
 from sjerk.profile import Limits
+
+#: A longer name does not fit into a frame of the feedback.
+NAME_BYTES = 63
 
 
 @dataclass(frozen=True)
 class Axis:
     """One axis: its limits, its unit in drive increments, its drive.
 
+    ``name``: of the joint, in status, events and errors; different ones within a kernel.
     ``counts_per_unit``: drive increments per axis unit, e.g. 2**24 / 360 for degrees at a 24-bit
     encoder; ``gear``: motor turns per turn of the axis. ``limits.position``: the position
     limits. ``stop_limits``: of the quick stop, else ``limits``. ``wrap``: axis units of one turn of
@@ -29,10 +33,15 @@ class Axis:
     ``feed_forward``: what the kernel sends with each target. ``"velocity"``: 60B1h; ``"torque"``:
     60B1h and 60B2h, for the motor of ``drive``; a ``FeedForward``: for the one it says; None:
     nothing. A simulated drive's own feed-forward of the same is then off, lest it count twice; that
-    of an external drive is to be turned off there.
+    of an external drive is to be turned off there. ``start``: where a simulated drive stands when
+    the kernel begins, to the nearest increment; None: at 0. Raises InputError.
 
     >>> Axis(Limits(90.0, 500.0, 5000.0), 2**24 / 360, unit="deg", gear=100.0).unit
     'deg'
+    >>> elbow = Axis(Limits(2.6, 10.0, 500.0, position=(-3.1, -0.1)), 1e6, name="elbow", start=-1.5)
+    >>> from sjerk import MotionKernel
+    >>> MotionKernel([elbow]).positions.tolist()
+    [-1.5]
     """
 
     limits: Limits
@@ -45,6 +54,8 @@ class Axis:
     stop_limits: Limits | None = None
     following_error: float | None = None
     feed_forward: FeedForward | Literal["velocity", "torque"] | None = None
+    name: str = ""
+    start: float | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.limits, Limits):
@@ -55,6 +66,10 @@ class Axis:
             raise InputError("drive", self.drive, "must be a DriveConfig, 'ideal' or 'external'")
         if not isinstance(self.unit, str) or len(self.unit.encode()) > 15:
             raise InputError("unit", self.unit, "must be a text of at most 15 bytes")
+        if not isinstance(self.name, str) or not self.name.isprintable():
+            raise InputError("name", self.name, "must be a printable text")
+        if len(self.name.encode()) > NAME_BYTES:
+            raise InputError("name", self.name, f"must be a text of at most {NAME_BYTES} bytes")
         for name in ("counts_per_unit", "gear"):
             object.__setattr__(self, name, positive(name, getattr(self, name)))
         for name in ("wrap", "following_error"):
@@ -64,7 +79,22 @@ class Axis:
             raise InputError(
                 "wrap", self.wrap, "an axis that turns for ever has no position limits"
             )
+        if self.start is not None:
+            self._check_start()
         self._check_feed_forward()
+
+    def _check_start(self) -> None:
+        start = real("start", self.start)
+        if self.drive == "external":
+            raise InputError("start", start, "an external drive is where it is")
+        low, high = self.limits.position or (-math.inf, math.inf)
+        if not low <= start <= high:
+            raise InputError("start", start, f"must lie within the position limits {low} .. {high}")
+        most = 2**31 - 1
+        if abs(start * self.counts_per_unit * self.gear) > most:
+            reach = most / (self.counts_per_unit * self.gear)
+            raise InputError("start", start, f"the drive counts up to {reach:.9g} either way")
+        object.__setattr__(self, "start", start)
 
     def _check_feed_forward(self) -> None:
         wanted = self.feed_forward
@@ -132,4 +162,6 @@ class Axis:
         config.external = self.drive == "external"
         config.ideal = self.drive == "ideal"
         config.unit = self.unit.encode()
+        config.name = self.name.encode()
+        config.start = self.start or 0.0
         return config
