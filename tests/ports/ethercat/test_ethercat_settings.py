@@ -1,4 +1,4 @@
-"""What a main device is told: tables of a file, refused with their place, before anything is sent."""
+"""What a main device is told by a file: refused with its place, before anything is sent."""
 
 from __future__ import annotations
 
