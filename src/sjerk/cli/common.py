@@ -130,11 +130,14 @@ def show(options: argparse.Namespace, data: dict[str, Any]) -> None:
 
 def axis_rows(feedback: Feedback) -> list[dict[str, Any]]:
     """One row per axis: what it does, where it is."""
+    named = any(axis.name for axis in feedback.axes)
     return [
-        {
-            "axis": i,
+        {"axis": i}
+        | ({"name": axis.name} if named else {})
+        | {
             "state": axis.state.name,
             "drive": axis.drive_state.name,
+            "switches": axis.limit_switches.name or "",
             "position": round(axis.position, 9),
             "actual": round(axis.actual_position, 6),
             "velocity": round(axis.velocity, 6),

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sjerk._binding import lib
-from sjerk.cli import cable
+from sjerk.cli import cable, feed_forward
 from sjerk.errors import ExtraMissingError, InputError, SjerkError
 from sjerk.executor import StreamPlayer
 from sjerk.extras import load
@@ -215,8 +215,9 @@ def _run(options: argparse.Namespace) -> int:
 def _kernel(cycle_time: float, interface: str | None) -> MotionKernel:
     """One axis: with its simulated drive inside, or with one on EtherCAT."""
     if interface is None:
-        return MotionKernel([Axis(LIMITS, COUNTS_PER_DEGREE)], cycle_time)
-    kernel = MotionKernel([Axis(LIMITS, COUNTS_PER_DEGREE, "external")], cycle_time)
+        return MotionKernel([Axis(LIMITS, COUNTS_PER_DEGREE, unit="deg")], cycle_time)
+    axis = Axis(LIMITS, COUNTS_PER_DEGREE, "external", unit="deg")
+    kernel = MotionKernel([axis], cycle_time)
     # this machine is hardly a real-time one: SYNC0 may be missed for as long as the watchdog waits
     patient = {"position": 0, "startup": [["10F1:2", "u16", 0xFFFF]]}
     bus = {"interface": interface, "lost": max(4, round(0.1 / cycle_time))}
@@ -260,6 +261,9 @@ def run(
             print(f"stopped at {at.position:.6f} deg, velocity {at.velocity:g} deg/s")
             return 130
     print(table(recording, runs, timing, cycle_time))
+    if interface is None:  # what it compares are drives inside
+        print()
+        print(feed_forward.table(kernel.axes[0], start, end, cycle_time))
     return draw(out, recording, runs, cycle_time)
 
 

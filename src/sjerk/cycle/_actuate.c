@@ -1,11 +1,12 @@
-/* Actuating: the commanded samples as increments, and the controlwords, to the drives; those that are
- * simulated run their period.
+/* Actuating: the commanded samples as increments, what is fed forward, and the controlwords, to the drives;
+ * those that are simulated run their period.
  *
  * Never here: where an axis should be, bit masks of drives but homing's start and the quick stop.
  */
 #include <math.h> /* fabs, llround */
 #include <stdint.h>
 #include "cycle/_actuate.h"
+#include "cycle/_feed_forward.h"
 #include "cycle/_motion.h"
 #include "drive/_drive.h"
 
@@ -82,7 +83,9 @@ static void simulate(sj_kernel *kernel)
 
 void sj_actuate(sj_kernel *kernel)
 {
-    for (int32_t i = 0; i < kernel->axes; i++)
+    for (int32_t i = 0; i < kernel->axes; i++) {
         send(kernel, i);
+        sj_feed_forward_send(kernel, i);
+    }
     simulate(kernel);
 }

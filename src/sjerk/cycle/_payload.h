@@ -48,7 +48,9 @@ enum sj_event_kind {
     SJ_EVENT_SYNC = 11,     /* the axis lost its master; code: 603Fh, 0: its image is stale */
     SJ_EVENT_STOP = 12,     /* asked beside the host; code: enum sj_reaction, value: the
                                            process that asked, 0: not known */
-    SJ_EVENTS = 13
+    SJ_EVENT_SWITCH = 13,   /* a limit switch closed or opened; code: 60FDh bits 0 (negative)
+                                           and 1 (positive), value: these before */
+    SJ_EVENTS = 14
 };
 
 /* what a kernel can react to */
@@ -171,6 +173,9 @@ typedef struct {
     int64_t target_counts, actual_counts; /* unwrapped, encoder increments */
     int32_t following_error;              /* 60F4h */
     uint16_t statusword, error_code;
+    uint32_t digital_inputs; /* 60FDh */
+    int32_t velocity_offset; /* 60B1h, 60B2h: what the kernel feeds forward */
+    int32_t torque_offset, reserved;
     int32_t moving, settled; /* settled: on the goal, or past it at its velocity */
     int32_t follows, enabled, fault;
     int32_t state;  /* SJ_AXIS_... */
@@ -181,6 +186,7 @@ typedef struct {
     double position_min, position_max;
     double counts_per_unit, wrap; /* wrap: axis units per turn, 0 = none */
     char unit[16];
+    char name[64];
     sj_axis_bus bus;
 } sj_axis_feedback;
 

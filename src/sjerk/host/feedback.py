@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from enum import Enum, IntEnum
+from enum import Enum, IntEnum, IntFlag
 from typing import Any
 
 from sjerk._binding import ffi, lib
@@ -58,15 +58,24 @@ class PathFeedback:
     known: int
 
 
+class LimitSwitch(IntFlag):
+    """Limit switches of an axis that are closed, as 60FDh has them."""
+
+    NEGATIVE = lib.SJ_DI_NEGATIVE  #: The switch in negative direction of the motor is closed.
+    POSITIVE = lib.SJ_DI_POSITIVE  #: The switch in positive direction of the motor is closed.
+
+
 @dataclass(frozen=True)
 class AxisFeedback:
     """One axis in one cycle; positions in axis units, time in seconds.
 
     ``position`` to ``jerk`` are the commanded sample, ``peak_*`` the largest magnitudes of it since
     the last goal came, ``actual_*`` the encoder's. ``settled``: the goal has been reached.
-    ``following_error`` is the drive's own (60F4h,
-    increments). ``limits`` are those in force, with the position limits; ``wrap`` axis units make
-    one turn, 0 for none.
+    ``following_error`` is the drive's own (60F4h, increments), of which ``counts_per_unit`` make
+    one axis unit; ``digital_inputs`` its 60FDh. ``velocity_offset`` (60B1h) and ``torque_offset``
+    (60B2h) are what the kernel feeds forward, in the drive's own units. ``limits`` are those in
+    force, with the position limits; ``wrap`` axis units make one turn, 0 for none. ``name`` is ""
+    where the axis has none.
     """
 
     position: float
@@ -85,6 +94,9 @@ class AxisFeedback:
     following_error: int
     statusword: int
     error_code: int
+    digital_inputs: int
+    velocity_offset: int
+    torque_offset: int
     moving: bool
     settled: bool
     follows: bool
@@ -94,11 +106,18 @@ class AxisFeedback:
     limits: Limits
     unit: str
     wrap: float
+    name: str
+    counts_per_unit: float
 
     @property
     def turned(self) -> float:
         """The commanded position within one turn, 0 .. ``wrap``; ``position`` without a wrap."""
         return self.position % self.wrap if self.wrap else self.position
+
+    @property
+    def limit_switches(self) -> LimitSwitch:
+        """The limit switches that are closed; none is 0."""
+        return switches_of(self)
 
     @property
     def drive_state(self) -> DriveState:
@@ -226,6 +245,16 @@ class Feedback:
         return Timing(latency, period, computing, late, ClockReport.of(frame.clock))
 
 
+def switches_of(axis: Any) -> LimitSwitch:
+    """The limit switches that are closed, of anything with ``digital_inputs`` (60FDh)."""
+    return LimitSwitch(axis.digital_inputs & (LimitSwitch.NEGATIVE | LimitSwitch.POSITIVE))
+
+
+def names_of(frame: Any) -> tuple[str, ...]:
+    """The names of the axes of a ``sj_feedback``, by number; "" where there is none."""
+    return tuple(ffi.string(frame.axis[i].name).decode() for i in range(frame.axes))
+
+
 def limits_of(raw: Any, T: float) -> Limits:
     """The limits in force of a ``sj_axis_feedback``, per second."""
     own = raw.limits
@@ -270,6 +299,9 @@ def _axis_feedback(raw: Any, T: float) -> AxisFeedback:
         following_error=raw.following_error,
         statusword=raw.statusword,
         error_code=raw.error_code,
+        digital_inputs=raw.digital_inputs,
+        velocity_offset=raw.velocity_offset,
+        torque_offset=raw.torque_offset,
         moving=bool(raw.moving),
         settled=bool(raw.settled),
         follows=bool(raw.follows),
@@ -279,4 +311,6 @@ def _axis_feedback(raw: Any, T: float) -> AxisFeedback:
         limits=limits_of(raw, T),
         unit=ffi.string(raw.unit).decode(),
         wrap=raw.wrap,
+        name=ffi.string(raw.name).decode(),
+        counts_per_unit=raw.counts_per_unit,
     )

@@ -91,6 +91,7 @@ class MotionKernel:
         self._axes = tuple(axes)
         if not 1 <= len(self._axes) <= lib.SJ_AXES:
             raise InputError("axes", len(self._axes), f"must be 1 .. {lib.SJ_AXES} axes")
+        _check_names(self._axes)
         self._T = round(positive("cycle_time", cycle_time) * 1e9) / 1e9  # whole nanoseconds
         if not 25e-6 <= self._T <= 0.1:
             raise InputError("cycle_time", cycle_time, "must lie in 25e-6 .. 0.1 s")
@@ -304,3 +305,12 @@ class MotionKernel:
             self._kernel.own_loop = 1
             self._steps = True
         return self._segment
+
+
+def _check_names(axes: Sequence[Axis]) -> None:
+    """Axes that have names have different ones."""
+    names = [axis.name for axis in axes]
+    for i, name in enumerate(names):
+        if name and name in names[:i]:
+            first = names.index(name)
+            raise InputError(f"axes[{i}].name", name, f"is that of axis {first} already")

@@ -15,6 +15,7 @@ from sjerk.cia402 import DriveConfig, DriveConfigError
 from sjerk.errors import ConfigError, InputError
 from sjerk.kernel.axis import Axis
 from sjerk.kernel.clock import Clock
+from sjerk.kernel.feed_forward import FeedForward
 from sjerk.kernel.reactions import Reactions
 from sjerk.profile import Limits
 
@@ -106,6 +107,9 @@ def _axis(place: Place) -> Axis:
     if "drive" in values and not isinstance(values["drive"], str):
         below = Place(place.path, f"{place.place}.drive", values["drive"])
         values["drive"] = _plain(below, DriveConfig)
+    if isinstance(values.get("feed_forward"), dict):
+        below = Place(place.path, f"{place.place}.feed_forward", values["feed_forward"])
+        values["feed_forward"] = _plain(below, FeedForward)
     axis: Axis = place.make(Axis, ("limits", "counts_per_unit"), values)
     return axis
 

@@ -78,12 +78,12 @@ typedef struct {
     int64_t sync_next_ns;   /* system time of the next event that counts */
     int64_t sync_period_ns; /* 0: none */
     /* the application's task */
-    int32_t sync_source; /* SJ_SYNC_... */
-    int32_t applied;     /* 1 in OP: outputs reach the drive */
-    int32_t deaf;        /* 1: the target position is never taken */
-    int32_t target_mapped;
-    int32_t target_written; /* since the drive was last enabled */
-    int32_t fresh;          /* outputs came since the last period */
+    int32_t sync_source;     /* SJ_SYNC_... */
+    int32_t applied;         /* 1 in OP: outputs reach the drive */
+    int32_t deaf;            /* 1: the target position is never taken */
+    int32_t targets_mapped;  /* bit 0 607Ah, bit 1 60C1h:1 */
+    int32_t targets_written; /* likewise, since the drive was last enabled */
+    int32_t fresh;           /* outputs came since the last period */
     int64_t period_ns;
     int64_t period_next_ns; /* of the local clock */
     int64_t output_ns;      /* `now` of the last complete buffer of outputs */
