@@ -31,6 +31,7 @@ typedef struct {
     double line;           /* its distance on a straight line, 0: not on one */
     int64_t actual_counts; /* 6064h unwrapped */
     int64_t target_counts; /* sent last */
+    double turning;        /* increments per cycle of a motor that does not follow */
     int64_t least_cycles;
     uint64_t goal_id, goal_axes; /* goal_axes: bit n = axis n */
     int32_t synchronization;
@@ -47,7 +48,7 @@ typedef struct {
     int32_t homed;          /* 1: at its home, and does not follow again yet */
     int32_t unfollowed;     /* cycles in which an enabled drive has not followed */
     int32_t drive_stop;     /* 1: the drive's own quick stop; the planner could not */
-    int32_t reserved;
+    int32_t limited;        /* a limit of the drive kept it from following last */
     uint32_t halts, quick_stops, resets, limit_sets;
 } sj_axis;
 
