@@ -47,8 +47,10 @@ class Axis:
             raise InputError("stop_limits", self.stop_limits, "must be a Limits")
         if not isinstance(self.drive, DriveConfig) and self.drive not in ("external", "ideal"):
             raise InputError("drive", self.drive, "must be a DriveConfig, 'ideal' or 'external'")
-        if not isinstance(self.unit, str) or len(self.unit.encode()) > 15:
+        if not isinstance(self.unit, str) or len(self.unit.encode("utf-8", "replace")) > 15:
             raise InputError("unit", self.unit, "must be a text of at most 15 bytes")
+        if not self.unit.isprintable():
+            raise InputError("unit", self.unit, "must be printable, in one line")
         for name in ("counts_per_unit", "gear"):
             object.__setattr__(self, name, positive(name, getattr(self, name)))
         for name in ("wrap", "following_error"):
