@@ -14,6 +14,7 @@ from sjerk.cli import (
     clean,
     demo,
     drive,
+    ethercat,
     follow,
     home,
     jog,
@@ -56,6 +57,7 @@ _VERBS = (
     simulate,
     follow,
     drive,
+    ethercat,
     clean,
 )
 
