@@ -125,7 +125,8 @@ def check_target(name: str, target: State, limits: Limits) -> None:
     if limits.position is not None and not (
         limits.position[0] <= target.position <= limits.position[1]
     ):
-        raise InputError(f"{name}.position", target.position, f"must lie in {limits.position}")
+        low, high = limits.position
+        raise InputError(f"{name}.position", target.position, f"must lie in {low!r} .. {high!r}")
 
 
 def check_range(end: FloatArray, limits: Limits, rows: slice) -> None:
@@ -136,7 +137,8 @@ def check_range(end: FloatArray, limits: Limits, rows: slice) -> None:
     outside = (end[rows, 0] < low) | (end[rows, 0] > high)
     if outside.any():
         row = (rows.start or 0) + int(np.argmax(outside))
-        raise InputError(f"target[{row}].position", end[row, 0], f"must lie in {limits.position}")
+        where = f"target[{row}].position"
+        raise InputError(where, float(end[row, 0]), f"must lie in {low!r} .. {high!r}")
 
 
 def limit_rows(limits: NDArray[Any]) -> FloatArray:
@@ -186,7 +188,7 @@ def _numbers(name: str, value: Any) -> FloatArray:
     except ValueError:
         rows = np.asarray(None)
     if rows.dtype.kind not in "fiu":
-        raise InputError(name, value, "must be an array of real numbers")
+        raise InputError(name, value, "must be an array of real numbers, a row for each move")
     return np.ascontiguousarray(rows, dtype=np.float64)
 
 
