@@ -31,6 +31,7 @@ static const double binomial[4][4] = {{1, 0, 0, 0}, {-1, 1, 0, 0}, {1, -2, 1, 0}
 typedef struct {
     const sj_horizon *h;
     int32_t first, count, block; /* variables of a knot: count, and the progress */
+    int32_t again;               /* 1: the hessian stands, it is that of the joint before */
     double fixed;                /* by how much what is given breaks a bound */
     sj_qp qp;
     double *hessian, *gradient, *value, *lower, *upper, *x, *own, *work;
@@ -101,7 +102,7 @@ static void add_square(problem *p, const int32_t *variable, const double *coeffi
         if (i < 0)
             continue;
         p->gradient[i] += weight * coefficient[a] * rest;
-        for (int32_t b = 0; b < count; b++)
+        for (int32_t b = 0; b < count && !p->again; b++)
             if (variable[b] >= 0 && variable[b] <= i)
                 p->hessian[(int64_t)i * wide + p->qp.band + variable[b] - i] +=
                     weight * coefficient[a] * coefficient[b];
@@ -292,7 +293,9 @@ static void share_out(problem *p, double *work, int32_t *ints)
     p->work = p->value + 4 * m;
     p->start = ints;
     p->column = ints + m + 1;
-    memset(p->hessian, 0, (size_t)(n * (p->qp.band + 1) + n) * sizeof *work);
+    if (!p->again)
+        memset(p->hessian, 0, (size_t)(n * (p->qp.band + 1)) * sizeof *work);
+    memset(p->gradient, 0, (size_t)n * sizeof *work);
 }
 
 static void solve(const sj_horizon *h, int32_t first, int32_t count, double *control,
@@ -300,6 +303,7 @@ static void solve(const sj_horizon *h, int32_t first, int32_t count, double *con
                   sj_qp_result *result)
 {
     problem p = {.h = h, .first = first, .count = count, .block = count + h->paced};
+    p.again = first > 0;
     int32_t n = h->knots - h->ends;
     double part = 1.0;
     p.qp.variables = h->knots * p.block;
@@ -322,7 +326,7 @@ static void solve(const sj_horizon *h, int32_t first, int32_t count, double *con
     }
     if (h->paced)
         add_progress(&p);
-    if (h->ends) /* not in any row: stays where it is */
+    if (h->ends && !p.again) /* not in any row: stays where it is */
         for (int32_t j = 0; j < count; j++)
             p.hessian[(int64_t)(n * p.block + j) * (p.qp.band + 1) + p.qp.band] += 1.0;
     p.qp.hessian = p.hessian;

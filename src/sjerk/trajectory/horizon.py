@@ -7,6 +7,8 @@ method. Never here: goals' times, clocks, shared memory.
 
 from __future__ import annotations
 
+import itertools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
@@ -227,6 +229,35 @@ class Horizon:
             aims.moment,
             value * self._unit - (aims.position - self.origin),
             result.iterations,
+        )
+
+    def move(self, position: FloatArray) -> FloatArray:
+        """Control points (N, knots) from rest to rest at ``position`` (N,), all joints together."""
+        here, there = self.given[:, 2], position - self.origin
+        way = np.abs(there - here) / self._unit
+        V, up, down, J = self._limits.T
+        least = np.maximum(2.19 * way / V, np.sqrt(7.5 * way / np.minimum(up, down)))
+        begin = float(np.maximum(least, np.cbrt(52.5 * way / J)).max())
+        for n in itertools.count(max(1, math.floor(0.8 * begin))):
+            x = np.arange(1, n + 1) / n
+            share = x**4 * (35.0 - 84.0 * x + 70.0 * x**2 - 20.0 * x**3)
+            control = here[:, None] + (there - here)[:, None] * share
+            control[:, -1] = there
+            if self.keeps(control):
+                return control
+        raise AssertionError  # a slow one keeps every limit
+
+    def keeps(self, control: FloatArray) -> bool:
+        """Whether control points (N, n) behind those handed out, then at rest, keep the limits."""
+        rest = np.repeat(control[:, -1:], 3, axis=1)
+        row = np.concatenate([self.given, control, rest], axis=1) / self._unit[:, None]
+        first, second, third = (np.diff(row, d, axis=1) for d in (1, 2, 3))
+        V, up, down, J = self._limits.T[:, :, None] * (1.0 + 1e-12)
+        return bool(
+            (np.abs(first) <= V).all()
+            and (second <= up).all()
+            and (-second <= down).all()
+            and (np.abs(third) <= J).all()
         )
 
     def hand_out(self, plan: Plan | None) -> Followed:

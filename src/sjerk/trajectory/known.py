@@ -98,8 +98,8 @@ class Known:
         self.first = int(np.searchsorted(self.cycle, cycle, side="right"))
 
     def trim(self, cycle: float) -> None:
-        """Keep what is due from ``cycle`` on, and two that are passed."""
-        less = min(int(np.searchsorted(self.cycle, cycle)), self.first - 2)
+        """Keep what is due from ``cycle`` on, and three that are passed."""
+        less = min(int(np.searchsorted(self.cycle, cycle)), self.first - 3)
         if less > 0:
             self._begin += less
             self.first -= less
