@@ -18,7 +18,6 @@ from sjerk import GoalStream, Limits, State, plan
 from sjerk.trajectory.segments import Followed
 
 Array = NDArray[np.float64]
-T = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +33,14 @@ class Draw:
     within: bool
     count: Array
     share: float
+    T: float = 1e-3
+    velocities: Array | None = None
+
+    @property
+    def in_time(self) -> bool:
+        """Whether no goal is late, and each known 0.75 stops before the last period begins."""
+        known = self.delay * self.period - float(np.diff(self.times).max(initial=self.period))
+        return bool((self.arrivals == self.times).all()) and known >= 0.75 * self.stop
 
     @property
     def stop(self) -> float:
@@ -47,6 +54,7 @@ class Draw:
 
 def drawn(rng: random.Random) -> Draw:
     """A stream; the recording is planned under a share of the limits."""
+    T = rng.choice([0.5e-3, 1e-3, 1e-3, 2e-3, 4e-3])
     joints = rng.choice([1, 1, 2, 3, 7])
     share = rng.choice([0.4, 0.5, 0.8, 0.95, 1.0])
     limits, slower = [], []
@@ -69,7 +77,7 @@ def drawn(rng: random.Random) -> Draw:
         blocks.append(rows[1:])
         at = rows[-1]
     path = np.concatenate(blocks)
-    period = rng.choice([0.5, 0.2, 0.1, 0.1, 0.05, 0.02, 0.01, 0.005, 0.002])
+    period = max(T, rng.choice([0.5, 0.2, 0.1, 0.1, 0.05, 0.02, 0.01, 0.005, 0.002]))
     step, rows = max(1, round(period / T)), [0]
     jittered = rng.random() < 0.3
     while rows[-1] < len(path) - 1:
@@ -89,7 +97,9 @@ def drawn(rng: random.Random) -> Draw:
         late[rng.randrange(1, len(times))] = rng.uniform(1, 5) * period
     arrivals = np.maximum.accumulate(times + late)
     delay = rng.choice([1, 2, 3, 4, 6, 10, max(1, min(256, round(1.5 * 0.5 / period)))])
-    return Draw(limits, times, goals, arrivals, period, delay, rng.random() < 0.5, count, share)
+    within = rng.random() < 0.5
+    velocities = np.gradient(path, T, axis=0)[rows] if rng.random() < 0.2 else None
+    return Draw(limits, times, goals, arrivals, period, delay, within, count, share, T, velocities)
 
 
 @dataclass
@@ -104,6 +114,7 @@ class Outcome:
 
 def play(draw: Draw, **options: float) -> tuple[GoalStream, Outcome]:
     """Goals as they arrive, and a knot each time the one before is over."""
+    T = draw.T
     stream = GoalStream(
         draw.limits,
         T,
@@ -119,7 +130,8 @@ def play(draw: Draw, **options: float) -> tuple[GoalStream, Outcome]:
     )
     while not stream.done and stream.cycle < longest:
         while k < len(draw.times) and draw.arrivals[k] - begin <= stream.cycle * T + 1e-9:
-            stream.push(draw.goals[k], float(draw.times[k]))
+            speed = None if draw.velocities is None else draw.velocities[k]
+            stream.push(draw.goals[k], float(draw.times[k]), velocity=speed)
             k += 1
         if k == len(draw.times):
             stream.end()
@@ -147,7 +159,13 @@ def turns(way: Array, least: float) -> int:
 
 
 def judge(draw: Draw, found: Outcome) -> dict[str, float]:
-    """Faults, by the jerks handed out: integrated here, from rest at the first goal."""
+    """Faults, by the jerks handed out: integrated here, from rest at the first goal.
+
+    ``over``: of a limit, as a ratio; ``gap``: between samples and sums; ``turns``: more than the
+    goals have; ``passed``: beyond the goals known; ``cut``: largest distance of a goal from all
+    samples, as a share of a joint's way.
+    """
+    T = draw.T
     jerk, cycles = [], []
     for block in found.blocks:
         for i in range(len(block)):
@@ -196,7 +214,10 @@ def judge(draw: Draw, found: Outcome) -> dict[str, float]:
             more, float(((rows - high[k]) / scale).max()), float(((low[k] - rows) / scale).max())
         )
     end = bool((position[-1] == draw.goals[-1]).all())
-    return {"over": over, "gap": gap, "turns": extra, "passed": more, "end": end}
+    way, cut = np.ptp(draw.goals, axis=0) + 1e-300, 0.0
+    for goal in draw.goals[:: max(1, len(draw.goals) // 30)]:
+        cut = max(cut, float((np.abs(position - goal) / way).max(axis=1).min()))
+    return {"over": over, "gap": gap, "turns": extra, "passed": more, "end": end, "cut": cut}
 
 
 def runs(

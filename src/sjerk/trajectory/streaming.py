@@ -211,6 +211,11 @@ class GoalStream:
         return self._cycle
 
     @property
+    def knot(self) -> float:
+        """Time between knots, s."""
+        return self._m * self._T
+
+    @property
     def done(self) -> bool:
         """Whether the stream was ended and what was handed out rests on its last goal."""
         return (
