@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sjerk._binding import ffi, lib
-from sjerk.profile import FloatArray, Limits
+from sjerk.profile import FloatArray, Limits, State
 from sjerk.trajectory.joining import both
-from sjerk.trajectory.segments import PHASES, Followed, Knot
+from sjerk.trajectory.segments import PHASES, Followed, Knot, begin_of, sample_of, through
 
 #: Weight of squared differences between a goal's velocity and the plan's, in knots.
 _SPEED = 1.0
@@ -118,6 +118,49 @@ class Horizon:
         self.plan = np.zeros((len(position), 1))
         self.progress = np.zeros(1)  # in knots, of the present knot and those ahead
         self.knot = Knot.rest(position)
+        self.lead: list[Followed] = []  # what comes before the first knot
+
+    def move_on(self, states: Sequence[State], limits: Sequence[Limits]) -> None:
+        """Begin anew, in motion: accelerations end first, in `lead`; behind it a plan to rest.
+
+        States may lie outside the limits.
+        """
+        T = self._T
+        q, v, a = (
+            np.array([getattr(state, name) for state in states])
+            for name in ("position", "velocity", "acceleration")
+        )
+        knot = Knot(q, v + a * (T / 2.0), a, np.zeros(len(q)))  # by the half-cycle lemma
+        jerk = np.array([both(limit).jerk for limit in limits])
+        cycles = np.ceil(np.abs(a) / (jerk * T) - 1e-9).astype(np.int64)
+        ramp, at = -a / (np.maximum(cycles, 1) * T), begin_of(knot, T)
+        lead, before = [], 0
+        for until in np.unique(cycles[cycles > 0]).tolist():
+            j = np.where(cycles >= until, ramp, 0.0)
+            n = until - before
+            P, V, A, _ = through(*at, j * T**3, np.array([n]), (j * T**3)[None])
+            at = P, V, np.where(cycles > until, A, 0.0)
+            one = Knot(sample_of(*at, j * T**3), V / T, at[2] / T**2, j)
+            lead.append((knot, n, j, one))
+            knot, before = one, until
+        P, V = at[0].copy(), at[1] / T
+        self.rest(P)
+        h = self.cycles * T
+        self.given = np.column_stack([-V * h, np.zeros(len(q)), V * h])
+        self.plan = self._stop()
+        self.knot = knot
+        self.lead = [self._followed(*piece) for piece in lead]
+
+    def _stop(self) -> FloatArray:
+        """Control points (N, knots) from a motion without acceleration to rest."""
+        step = self.given[:, 2] - self.given[:, 1]
+        for n in itertools.count(1):
+            x = np.arange(1, n + 1) / n
+            share = 1.0 - x**3 * (10.0 - 15.0 * x + 6.0 * x**2)
+            control = self.given[:, 2:] + np.cumsum(step[:, None] * share, axis=1)
+            if self.keeps(control, fast=True):
+                return control
+        raise AssertionError  # a slow one keeps every limit
 
     @property
     def resting(self) -> bool:
@@ -125,6 +168,16 @@ class Horizon:
         return bool(
             (self.given == self.given[:, 2:]).all() and (self.plan == self.given[:, 2:]).all()
         )
+
+    @property
+    def at_ease(self) -> bool:
+        """Whether something other than a knot comes next: see ``follow_on``."""
+        return bool(self.lead) or (self.resting and self.knot.moving)
+
+    @property
+    def rests_at(self) -> FloatArray:
+        """Where the plan ends (N,)."""
+        return self.origin + self.plan[:, -1]
 
     def ahead(self, knots: int) -> FloatArray:
         """Progress (knots + 1,) of the plan before, going on at its pace."""
@@ -247,14 +300,17 @@ class Horizon:
                 return control
         raise AssertionError  # a slow one keeps every limit
 
-    def keeps(self, control: FloatArray) -> bool:
-        """Whether control points (N, n) behind those handed out, then at rest, keep the limits."""
+    def keeps(self, control: FloatArray, *, fast: bool = False) -> bool:
+        """Whether control points (N, n) behind those handed out, then at rest, keep the limits.
+
+        ``fast``: whatever their velocity.
+        """
         rest = np.repeat(control[:, -1:], 3, axis=1)
         row = np.concatenate([self.given, control, rest], axis=1) / self._unit[:, None]
         first, second, third = (np.diff(row, d, axis=1) for d in (1, 2, 3))
         V, up, down, J = self._limits.T[:, :, None] * (1.0 + 1e-12)
         return bool(
-            (np.abs(first) <= V).all()
+            (fast or (np.abs(first) <= V).all())
             and (second <= up).all()
             and (-second <= down).all()
             and (np.abs(third) <= J).all()
@@ -280,14 +336,21 @@ class Horizon:
         before = self.knot
         self.knot = Knot(position, slope / h, bend / h**2, jerk / h**3)
         self._move_along()
-        return self._followed(before, self.cycles, jerk / h**3)
+        return self._followed(before, self.cycles, jerk / h**3, self.knot)
+
+    def follow_on(self) -> Followed:
+        """What comes next if nothing else is planned; at rest the last sample is settled."""
+        if self.lead:
+            first, *self.lead = self.lead
+            return first
+        return self.settle(1) if self.resting else self.hand_out(None)
 
     def remainder(self, names: tuple[str, ...], first: int, cycle: int) -> list[Followed]:
         """The plan to rest, without handing it out."""
         kept = dict(vars(self))
         found = []
         while not (self.resting and not self.knot.moving):
-            made = self.settle(1) if self.resting else self.hand_out(None)
+            made = self.follow_on()
             found.append(numbered(made, names, first, cycle))
             first, cycle = first + 1, cycle + int(made.cycles[0])
         vars(self).update(kept)
@@ -301,12 +364,11 @@ class Horizon:
         self.knot = Knot.rest(at)
         self.progress = np.zeros(1)
         self.rest(at)
-        return self._followed(before, cycles, np.zeros(len(at)))
+        return self._followed(before, cycles, np.zeros(len(at)), self.knot)
 
-    def _followed(self, before: Knot, cycles: int, jerk: FloatArray) -> Followed:
+    def _followed(self, before: Knot, cycles: int, jerk: FloatArray, knot: Knot) -> Followed:
         jerks = np.zeros((1, PHASES, len(jerk)))
         jerks[0, 0] = jerk
-        knot = self.knot
         return Followed(
             tuple(f"joint{k}" for k in range(len(jerk))),
             self._T,

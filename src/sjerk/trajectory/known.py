@@ -241,10 +241,11 @@ def monotone_pieces(way: FloatArray, resolution: float) -> list[tuple[int, int]]
 class Turns:
     """Changes of direction per joint: of the goals, and of what was handed out."""
 
-    def __init__(self, start: FloatArray, resolution: FloatArray) -> None:
+    def __init__(self, start: FloatArray, resolution: FloatArray, going: FloatArray) -> None:
+        """From ``start`` (N,), in the directions ``going`` (N,): signs, 0 at rest."""
         self._resolution, self._top = resolution, start.copy()
         self.asked = np.zeros(len(start), dtype=np.int64)
-        self._going = np.zeros(len(start), dtype=np.int64)
+        self._going = going.astype(np.int64)
         self.sign, self.count = self._going.copy(), self.asked.copy()
 
     def add(self, goal: FloatArray) -> None:

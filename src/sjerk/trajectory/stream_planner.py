@@ -53,7 +53,12 @@ class StreamPlanner:
     ) -> None:
         self.horizon, self.known = horizon, known
         self.ended, self.kept = False, 0
-        self.turns = Turns(horizon.knot.position, RESOLUTION * horizon.velocity)
+        step = horizon.given[:, 2] - horizon.given[:, 1]
+        self.turns = Turns(
+            horizon.knot.position,
+            RESOLUTION * horizon.velocity,
+            np.where(np.abs(step) > STILL * horizon.velocity, np.sign(step), 0.0),
+        )
         own = [both(limit) for limit in limits]
         stop = max(x.velocity / x.acceleration + x.acceleration / x.jerk for x in own)
         per_knot = horizon.cycles * cycle_time

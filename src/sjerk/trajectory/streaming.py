@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sjerk.errors import InputError, positive, real
-from sjerk.profile import FloatArray, Limits
+from sjerk.profile import FloatArray, Limits, State
 from sjerk.trajectory.horizon import Horizon, Plan, numbered
 from sjerk.trajectory.joining import both
 from sjerk.trajectory.known import Known, row_of
@@ -39,7 +39,8 @@ _CYCLES = 2**50
 class GoalStream:
     """Goals of N joints, 2 Hz to the control rate, followed a delay behind.
 
-    ``limits``: one per joint; ``start`` (N,): where the joints rest. ``period`` (s): time between
+    ``limits``: one per joint; ``start`` (N,): where the joints rest, or a ``State`` of each, as it
+    was sampled: in motion, outside the limits also. ``period`` (s): time between
     goals, unless they have times of their own. ``delay``: the motion passes a goal so many periods
     after the first one's arrival and its time; ``margin`` (s) is added to it, for goals that come
     late and for handing over.
@@ -70,7 +71,7 @@ class GoalStream:
         self,
         limits: Sequence[Limits],
         cycle_time: float,
-        start: ArrayLike,
+        start: ArrayLike | Sequence[State],
         *,
         period: float,
         delay: int = 4,
@@ -107,7 +108,8 @@ class GoalStream:
         own = [both(limit) for limit in self._limits]
         stop = max(x.velocity / x.acceleration + x.acceleration / x.jerk for x in own)
         self._m = max(2, round(stop / knots / self._T))
-        at = self._row("start", start)
+        states = self._states(start)
+        at = np.array([state.position for state in states])
         self._horizon = Horizon(
             self._limits,
             self._T,
@@ -116,6 +118,10 @@ class GoalStream:
             smoothing=positive("smoothing", smoothing),
             iterations=iterations,
         )
+        moving = any(state.velocity or state.acceleration for state in states)
+        if moving:
+            self._horizon.move_on(states, self._limits)
+            at = self._horizon.rests_at
         self._within = bool(stop_within)
         self._planner = StreamPlanner(
             self._limits,
@@ -254,7 +260,7 @@ class GoalStream:
         """
         begun, horizon = self._segments, self._horizon
         while self._cycle < cycle and not (horizon.resting and not horizon.knot.moving):
-            made = horizon.settle(1) if horizon.resting else self._knot(None)
+            made = horizon.follow_on() if horizon.at_ease else self._knot(None)
             self._arriving = max(self._arriving - 1, 0)
             self._cycle += int(made.cycles[0])
             self._segments += 1
@@ -269,9 +275,9 @@ class GoalStream:
     def _next(self, cycle: int) -> Followed:
         """A rest, or one knot more."""
         horizon, known = self._horizon, self._planner.known
+        if horizon.at_ease:
+            return horizon.follow_on()
         if horizon.resting:
-            if horizon.knot.moving:
-                return horizon.settle(1)
             if self._waiting() and not (self._planner.ended and not self._on_last()):
                 return horizon.settle(max(cycle - self._cycle, 1))
             if self._cycle < self._begin and not self._waiting():
@@ -326,6 +332,16 @@ class GoalStream:
 
     def _cycles(self, seconds: float) -> int:
         return int(seconds / self._T * (1.0 + 1e-12) + 0.5)
+
+    def _states(self, start: ArrayLike | Sequence[State]) -> list[State]:
+        given = list(start) if isinstance(start, Sequence) else []
+        states = [state for state in given if isinstance(state, State)]
+        if not states:
+            row = self._row("start", start)  # type: ignore[arg-type]
+            return [State(x) for x in row.tolist()]
+        if len(states) != len(self._limits) or len(states) != len(given):
+            raise InputError("start", start, f"must be {len(self._limits)} positions or states")
+        return states
 
     def _row(self, name: str, value: ArrayLike) -> FloatArray:
         return row_of(name, value, len(self._limits))
