@@ -176,6 +176,17 @@ def test_goals_are_met_exactly_where_that_is_asked() -> None:
     assert stream.report.deviation.max() <= 1e-9
 
 
+def test_a_tolerance_bounds_what_is_left_of_goals() -> None:
+    """At all of the limits, the last goal known never passed: later rather than further off."""
+    draw = one_way(1.0, 0.05, 6, within=True, joints=3)
+    free, found = play(draw)
+    bound, closer = play(draw, tolerance=0.01)
+    assert free.report.deviation.max() > 0.01
+    assert bound.report.deviation.max() <= 0.01
+    assert closer.late <= found.late + draw.stop / 6
+    assert judge(draw, closer)["over"] <= 1 + 1e-9
+
+
 @settings(max_examples=10)
 @given(st.integers(0, 2**31), st.sampled_from([-1.0, 2.0**10, 2.0**-20, 1e6, 1e-7]))
 def test_units_and_signs_change_nothing(seed: int, scale: float) -> None:
@@ -428,6 +439,8 @@ def test_what_is_refused() -> None:
         {"period": 0.1, "delay": True},
         {"period": 0.1, "margin": -1.0},
         {"period": 0.1, "smoothing": 0.0},
+        {"period": 0.1, "tolerance": 0.0},
+        {"period": 0.1, "tolerance": [0.1, 0.1]},
         {"period": 0.1, "iterations": 2},
         {"period": 0.1, "joint_names": ["a", "b"]},
     ):
@@ -435,6 +448,8 @@ def test_what_is_refused() -> None:
             GoalStream([reach], T, [0.0], **options)  # type: ignore[arg-type]
     with pytest.raises(InputError, match="limits"):
         GoalStream(reach, T, [0.0], period=0.1)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="start"):
+        GoalStream([reach], T, [State(0.0), 0.0], period=0.1)  # type: ignore[list-item]
     stream = GoalStream([reach], T, [0.0], period=0.1)
     for goal in ([2.0], [np.nan], [0.0, 0.0]):
         with pytest.raises(InputError):

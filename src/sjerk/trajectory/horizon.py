@@ -83,7 +83,10 @@ class Plan:
 
 
 class Horizon:
-    """The control points of N joints, ``cycles`` per knot; at rest at ``position`` (N,)."""
+    """The control points of N joints, ``cycles`` per knot; at rest at ``position`` (N,).
+
+    ``tolerance`` (N,): from goals that are near in time, where a plan asks for it.
+    """
 
     def __init__(
         self,
@@ -94,6 +97,7 @@ class Horizon:
         *,
         smoothing: float,
         iterations: int,
+        tolerance: FloatArray | None = None,
     ) -> None:
         self.cycles, self._T = cycles, cycle_time
         self._smoothing, self._most = smoothing, iterations
@@ -107,6 +111,7 @@ class Horizon:
             / self._unit[:, None],
             _BOUNDS,
         )
+        self._tolerance = None if tolerance is None else tolerance / self._unit
         self._size = (0, 0)
         self.rest(position)
 
@@ -194,6 +199,7 @@ class Horizon:
         paced: bool,
         ends: bool = False,
         exact: int = 0,
+        near: bool = False,
         mode: Mode = Mode.HARD,
         plan: FloatArray | None = None,
         most: int | None = None,
@@ -202,7 +208,8 @@ class Horizon:
 
         ``progress`` (knots + 1,); ``paced``: it is chosen too. ``plan``: one that keeps the limits,
         and is not longer; else the one before. With ``ends`` it is a guess. ``exact``: so many
-        goals are met to rounding, in mode HARD. At ``most`` so many iterations.
+        goals are met to rounding, in mode HARD. ``near``: within the tolerance. At ``most`` so
+        many iterations.
         """
         n, joints, goals = knots, len(self.velocity), len(aims.moment)
         unit = self._unit[:, None]
@@ -240,6 +247,8 @@ class Horizon:
         if aims.velocity is not None:
             speed = np.ascontiguousarray(aims.velocity / self._unit)
             c.speed, c.speed_weight = ffi.from_buffer("double[]", speed), _SPEED
+        if self._tolerance is not None and near:
+            c.tolerance = ffi.from_buffer("double[]", self._tolerance)
         c.joints, c.knots, c.goals, c.paced, c.ends, c.fresh = (
             joints,
             n,

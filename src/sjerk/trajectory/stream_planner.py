@@ -50,6 +50,7 @@ class StreamPlanner:
         *,
         within: bool,
         exact: bool,
+        tolerance: FloatArray | None,
     ) -> None:
         self.horizon, self.known = horizon, known
         self.ended, self.kept = False, 0
@@ -65,6 +66,7 @@ class StreamPlanner:
         self.tail = math.ceil(stop / per_knot) + 3
         self._most, self._per_knot = math.ceil(_AHEAD * stop / per_knot), per_knot
         self._within, self._exact = within, exact
+        self._tolerance = np.full(len(own), np.inf) if tolerance is None else tolerance
         self._per_cycle = np.array(
             [
                 [x.velocity * cycle_time, x.acceleration * cycle_time**2, x.jerk * cycle_time**3]
@@ -137,11 +139,13 @@ class StreamPlanner:
         if self._exact and len(aims.moment):  # not where it must stop
             until = np.inf if aims.ended else aims.moment[-1] - self.tail
             exact = int(np.searchsorted(aims.moment, until))
-        attempts = [(mode, aims) for mode in Mode]
+        attempts = [(mode, aims, False) for mode in Mode]
         if aims.turning.any():
             free = np.where(aims.turning, 0, aims.direction).astype(np.int32)
-            attempts.insert(0, (Mode.HARD, replace(aims, direction=free)))
-        for mode, asked in attempts:
+            attempts.insert(0, (Mode.HARD, replace(aims, direction=free), False))
+        if paced and np.isfinite(self._tolerance).any():
+            attempts.insert(0, (Mode.HARD, attempts[0][1], True))
+        for mode, asked, near in attempts:
             best = self.horizon.solve(
                 asked,
                 knots,
@@ -149,6 +153,7 @@ class StreamPlanner:
                 paced=paced,
                 mode=mode,
                 exact=exact,
+                near=near,
             )
             if (mode is not Mode.HARD or best.share.all()) and self._keeps_turns(aims, best):
                 break
@@ -172,7 +177,8 @@ class StreamPlanner:
         """Whether goals are met, so that the joints need nothing in common; far ones may change."""
         allowed = _CLOSE * self.horizon.velocity + 2.0 * self._noise
         far = 1.0 + (plan.moment[:, None] / _NEAR) ** 2
-        return bool((np.abs(plan.deviation) <= far * allowed).all())
+        off = np.abs(plan.deviation)
+        return bool((off <= far * allowed).all() and (off <= self._tolerance).all())
 
     def _aims(self, due: FloatArray, progress: FloatArray) -> tuple[Aims, int]:
         """The goals as a plan with this progress has them, and its length."""
@@ -244,7 +250,8 @@ class StreamPlanner:
         if len(aims.moment) < len(due) - first:
             return None
         worst = np.abs(best.deviation).max(axis=0, initial=0.0)
-        allowed = np.maximum(1.2 * worst, 3.0 * _CLOSE * self.horizon.velocity)
+        allowed = np.minimum(3.0 * _CLOSE * self.horizon.velocity, self._tolerance)
+        allowed = np.maximum(1.2 * worst, allowed)
         met = bool((worst <= RESOLUTION * self.horizon.velocity).all())
         exact = len(aims.moment) if self._exact and met else 0
         n = max(1, math.ceil(last - 1e-9) - 2)

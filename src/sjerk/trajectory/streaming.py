@@ -53,7 +53,9 @@ class GoalStream:
     are passed later, all joints together; the lag is made up as fast as the limits allow.
     ``smoothing`` is the weight of jerk against distance from the goals: small (1e-4) for exact
     goals, the default for goals with noise. With ``exact`` goals that are not denser than knots are
-    met to rounding where the limits allow it.
+    met to rounding where the limits allow it. With a ``tolerance`` (a number, or (N,)), in
+    axis units, goals are passed no further off than that, later where limits ask for it; without
+    one deviations are small, and reported.
 
     >>> stream = GoalStream([Limits(2.0, 4.0, 500.0)], 1e-3, [0.0], period=0.1)
     >>> blocks = []
@@ -79,6 +81,7 @@ class GoalStream:
         stop_within: bool = False,
         smoothing: float = SMOOTHING,
         exact: bool = False,
+        tolerance: ArrayLike | None = None,
         knots: int = KNOTS,
         iterations: int = ITERATIONS,
         joint_names: Sequence[str] | None = None,
@@ -110,6 +113,7 @@ class GoalStream:
         self._m = max(2, round(stop / knots / self._T))
         states = self._states(start)
         at = np.array([state.position for state in states])
+        bound = None if tolerance is None else self._tolerances(tolerance)
         self._horizon = Horizon(
             self._limits,
             self._T,
@@ -117,6 +121,7 @@ class GoalStream:
             at,
             smoothing=positive("smoothing", smoothing),
             iterations=iterations,
+            tolerance=bound,
         )
         moving = any(state.velocity or state.acceleration for state in states)
         if moving:
@@ -130,6 +135,7 @@ class GoalStream:
             Known(at, 0, 0.0),
             within=self._within,
             exact=bool(exact),
+            tolerance=bound,
         )
         self._first = True  # no goal was timed yet since the start or a rest elsewhere
         self._arriving = 0  # knots of a plan that ends on the last goal
@@ -342,6 +348,13 @@ class GoalStream:
         if len(states) != len(self._limits) or len(states) != len(given):
             raise InputError("start", start, f"must be {len(self._limits)} positions or states")
         return states
+
+    def _tolerances(self, tolerance: ArrayLike) -> FloatArray:
+        most = np.array(tolerance, dtype=np.float64)
+        most = self._row("tolerance", np.full(len(self._limits), most) if most.ndim == 0 else most)
+        if (most <= 0.0).any():
+            raise InputError("tolerance", most.tolist(), "must be positive")
+        return most
 
     def _row(self, name: str, value: ArrayLike) -> FloatArray:
         return row_of(name, value, len(self._limits))
