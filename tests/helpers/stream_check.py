@@ -7,6 +7,7 @@ with a stall; limits of driving and braking that differ, 40 to 100 % of which th
 
 from __future__ import annotations
 
+import math
 import random
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -135,7 +136,10 @@ def play(draw: Draw, **options: float) -> tuple[GoalStream, Outcome]:
             k += 1
         if k == len(draw.times):
             stream.end()
-        made = stream.take(stream.cycle + 1)
+        until = stream.cycle + 1000
+        if k < len(draw.times):  # until it comes nothing is new
+            until = math.ceil((float(draw.arrivals[k]) - begin - 1e-9) / T)
+        made = stream.take(max(until, stream.cycle + 1))
         found.blocks += made
         found.known += [k] * len(made)
     found.done = stream.done

@@ -227,7 +227,13 @@ def monotone_pieces(way: FloatArray, resolution: float) -> list[tuple[int, int]]
     """
     pieces: list[tuple[int, int]] = []
     sign, top, high = 0, 0, float(way[0])
-    for i, x in enumerate(way.tolist()):
+    step = np.sign(np.diff(way))
+    moves = np.flatnonzero(step)
+    turns = moves[1:][step[moves[1:]] != step[moves[:-1]]]
+    # between turns nothing is decided but when the first piece begins
+    first = int(np.argmax(np.abs(way - high) > resolution)) + 1
+    at = np.union1d(np.arange(first), np.append(turns, len(way) - 1))
+    for i, x in zip(at.tolist(), way[at].tolist(), strict=True):
         step = x - high
         if abs(step) > resolution and sign * step <= 0.0:
             sign = 1 if step > 0.0 else -1
@@ -247,9 +253,21 @@ class Turns:
         self.asked = np.zeros(len(start), dtype=np.int64)
         self._going = going.astype(np.int64)
         self.sign, self.count = self._going.copy(), self.asked.copy()
+        self._new: list[FloatArray] = []
 
     def add(self, goal: FloatArray) -> None:
-        """A goal more."""
+        """A goal more; counted when that is needed."""
+        self._new.append(goal)
+
+    def look(self) -> None:
+        """Count the turns of the goals added."""
+        if len(self._new) > 1 and (np.diff(self._new, axis=0) * self._going > 0.0).all():
+            del self._new[1:-1]  # on and on
+        for goal in self._new:
+            self._count(goal)
+        self._new.clear()
+
+    def _count(self, goal: FloatArray) -> None:
         step = goal - self._top
         on = self._going * step
         if (on > 0.0).all():
@@ -262,10 +280,14 @@ class Turns:
 
     def more(self) -> IntArray:
         """Turns of the motion that the goals do not have (N,)."""
+        self.look()
         return np.asarray(np.maximum(self.count - self.asked, 0))
 
     def kept(self, direction: NDArray[np.int32], steps: FloatArray) -> bool:
         """Whether these steps (N, n) turn no more often than the goals, or than directions do."""
+        if direction.all() and (steps * direction >= 0.0).all():
+            return True  # along all of them
+        self.look()
         _, count = self.see(steps)
         _, asked = self.see(direction.astype(np.float64))
         asked = asked + (direction == 0).all(axis=1)

@@ -137,6 +137,7 @@ class GoalStream:
             exact=bool(exact),
             tolerance=bound,
         )
+        self._ranges = [(j, x.position) for j, x in enumerate(self._limits) if x.position]
         self._first = True  # no goal was timed yet since the start or a rest elsewhere
         self._arriving = 0  # knots of a plan that ends on the last goal
         self._cycle = self._segments = self._begin = 0
@@ -159,9 +160,10 @@ class GoalStream:
             raise InputError("position", position, "the stream was ended")
         goal = self._row("position", position)
         speed = None if velocity is None else self._row("velocity", velocity)
-        for name, limit, x in zip(self._names, self._limits, goal.tolist(), strict=True):
-            if limit.position is not None and not limit.position[0] <= x <= limit.position[1]:
-                raise InputError(f"position of {name}", x, f"must lie in {limit.position}")
+        for j, range_ in self._ranges:
+            if not range_[0] <= goal[j] <= range_[1]:
+                name = f"position of {self._names[j]}"
+                raise InputError(name, float(goal[j]), f"must lie in {range_}")
         known = self._planner.known
         at = known.time + self._period if time is None else real("time", time)
         if self._told.goals and not at > known.time:
