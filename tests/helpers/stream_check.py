@@ -144,7 +144,9 @@ def play(draw: Draw, **options: float) -> tuple[GoalStream, Outcome]:
         found.known += [k] * len(made)
     found.done = stream.done
     due = float(draw.times[-1] - draw.times[1]) + draw.delay * draw.period
-    due = max(due, float(draw.arrivals[-1]) - begin)
+    # what comes late is followed by the rest of the recording, as fast as the limits allow
+    rest = draw.share * (draw.times[-1] - draw.times)
+    due = max(due, float((draw.arrivals + rest)[1:].max()) - begin)
     moving = [b.first_cycle + int(b.cycles.sum()) for b in found.blocks if b.jerk.any()]
     found.late = (moving[-1] if moving else 0) * T - due
     return stream, found

@@ -255,24 +255,43 @@ static int32_t off_goal(const problem *p, int32_t joint, int32_t g, int32_t vari
     return count;
 }
 
+/* The velocity less the goal's, which is as slow as the progress is. */
+static int32_t off_speed(const problem *p, int32_t joint, int32_t g, int32_t variable[6],
+                         double coefficient[6], double *rest)
+{
+    const sj_horizon *h = p->h;
+    double x, speed = h->speed[g * h->joints + joint], pace = 1.0;
+    int32_t k = segment_of(h, h->moment[g], &x), count = 4;
+    slope_of(x, coefficient);
+    if (h->paced && k < h->knots) {
+        pace = h->progress[k] - (k ? h->progress[k - 1] : h->progress_before);
+        variable[count] = k * p->block + p->count;
+        coefficient[count++] = -speed;
+        if (k) {
+            variable[count] = (k - 1) * p->block + p->count;
+            coefficient[count++] = speed;
+        }
+    }
+    *rest = -speed * pace;
+    for (int32_t a = 0; a < 4; a++)
+        if ((variable[a] = variable_of(p, joint, k + a)) < 0)
+            *rest += coefficient[a] * given(h, joint, k + a);
+    return count;
+}
+
 static void add_joint(problem *p, int32_t joint)
 {
     const sj_horizon *h = p->h;
     int32_t variable[6];
-    double basis[6], x;
+    double basis[6];
     for (int32_t g = 0; g < h->goals; g++) {
         double rest;
         int32_t count = off_goal(p, joint, g, variable, basis, &rest);
         add_square(p, variable, basis, count, rest, h->weight[g]);
         if (!h->speed || !h->speed_weight)
             continue;
-        int32_t k = segment_of(h, h->moment[g], &x);
-        rest = -h->speed[g * h->joints + joint];
-        slope_of(x, basis);
-        for (int32_t a = 0; a < 4; a++)
-            if (variable[a] < 0)
-                rest += basis[a] * given(h, joint, k + a);
-        add_square(p, variable, basis, 4, rest, h->weight[g] * h->speed_weight);
+        count = off_speed(p, joint, g, variable, basis, &rest);
+        add_square(p, variable, basis, count, rest, h->weight[g] * h->speed_weight);
     }
     for (int32_t k = 0; k < h->knots + 2; k++) {
         double rest = 0.0;

@@ -184,6 +184,7 @@ class GoalStream:
         else:
             due = known.last_cycle + (at - known.time) / self._T
             due = round(due) if abs(due - round(due)) < 1e-6 else due
+            self._not_yet(due)
         self._planner.known.add(goal, due, at, speed)
         self._told.goals += 1
         self._arriving = 0
@@ -323,6 +324,13 @@ class GoalStream:
 
     def _on_last(self) -> bool:
         return bool((self._horizon.knot.position == self._planner.known.last).all())
+
+    def _not_yet(self, due: float) -> None:
+        """A goal that should be passed already when it comes is passed late, as any other is."""
+        now = self._cycle + 0.5 + float(self._horizon.progress[0]) * self._m
+        if due <= now:
+            begin = max(self._planner.known.last_cycle, due - self._period / self._T)
+            self._horizon.progress = self._horizon.progress - (now - begin) / self._m
 
     # ---- bookkeeping
 
