@@ -141,6 +141,7 @@ class GoalStream:
         self._first = True  # no goal was timed yet since the start or a rest elsewhere
         self._arriving = 0  # knots of a plan that ends on the last goal
         self._cycle = self._segments = self._begin = 0
+        self._through = 0  # so many goals were known in the last plan
         self._told = Ledger(n)
 
     # ---- what comes in
@@ -184,7 +185,7 @@ class GoalStream:
         else:
             due = known.last_cycle + (at - known.time) / self._T
             due = round(due) if abs(due - round(due)) < 1e-6 else due
-            self._not_yet(due)
+            self._lag_to(known.last_cycle, due)
         self._planner.known.add(goal, due, at, speed)
         self._told.goals += 1
         self._arriving = 0
@@ -197,7 +198,7 @@ class GoalStream:
     def rested(self, position: ArrayLike, cycle: int) -> None:
         """Go on from rest elsewhere, in ``cycle``: what was handed out was not played to its end.
 
-        Counts as starved; the goals ahead are timed anew. Raises InputError.
+        Counts as starved; the goals ahead are late, and passed later. Raises InputError.
         """
         at, known = self._row("position", position), self._planner.known
         self._look()
@@ -205,16 +206,20 @@ class GoalStream:
         self._cycle = max(self._cycle, cycle)
         self._told.starve(True)
         self._arriving, self._begin = 0, self._cycle
-        self._first = known.first == len(known)
         known.position[known.first - 1] = at
+        self._first = known.first == len(known)
         if not self._first:
-            known.move(self._cycle + self._behind - float(known.cycle[known.first]))
+            self._lag_to(float(known.cycle[known.first - 1]), float(known.cycle[known.first]))
 
     def skipped(self, cycles: int) -> None:
         """So many cycles of the clock were left out: goals are due as much earlier."""
-        self._planner.known.move(-cycles)
+        known = self._planner.known
+        self._look()
+        known.move(-cycles)
         if self._horizon.resting:
             self._begin -= cycles
+            if known.first < len(known):
+                self._lag_to(float(known.cycle[known.first - 1]), float(known.cycle[known.first]))
         else:
             self._horizon.progress = self._horizon.progress - cycles / self._m
 
@@ -267,12 +272,19 @@ class GoalStream:
 
         For what is played already. Returns how many segments.
         """
-        begun, horizon = self._segments, self._horizon
+        begun, horizon, known = self._segments, self._horizon, self._planner.known
+        new = len(known) - (self._told.goals - self._through)  # the first goal it does not know
         while self._cycle < cycle and not (horizon.resting and not horizon.knot.moving):
+            if new < len(known):  # that is not passed by it
+                then = self._cycle + 0.5 + float(horizon.ahead(1)[1]) * self._m
+                more = then - float(known.cycle[new]) + 1e-6
+                horizon.progress = horizon.progress - max(more, 0.0) / self._m
             made = horizon.follow_on() if horizon.at_ease else self._knot(None)
             self._arriving = max(self._arriving - 1, 0)
             self._cycle += int(made.cycles[0])
             self._segments += 1
+        if horizon.resting and new < len(known):
+            self._lag_to(float(known.cycle[new - 1]), float(known.cycle[new]))
         return self._segments - begun
 
     def remainder(self) -> list[Followed]:
@@ -299,6 +311,7 @@ class GoalStream:
             out = known.first == len(known) and not self._planner.ended and not self._within
             self._told.starve(out)
             plan, self._arriving = self._planner.plan(self._cycle)
+            self._through = self._told.goals
             horizon.end = known.last.copy()
         return self._knot(plan)
 
@@ -325,11 +338,14 @@ class GoalStream:
     def _on_last(self) -> bool:
         return bool((self._horizon.knot.position == self._planner.known.last).all())
 
-    def _not_yet(self, due: float) -> None:
-        """A goal that should be passed already when it comes is passed late, as any other is."""
+    def _lag_to(self, before: float, due: float) -> None:
+        """A goal that should be passed already is passed late, as any other is.
+
+        ``before``: when the goal before it was due.
+        """
         now = self._cycle + 0.5 + float(self._horizon.progress[0]) * self._m
         if due <= now:
-            begin = max(self._planner.known.last_cycle, due - self._period / self._T)
+            begin = max(before, due - self._period / self._T)
             self._horizon.progress = self._horizon.progress - (now - begin) / self._m
 
     # ---- bookkeeping
