@@ -356,6 +356,7 @@ void sj_qp_solve(const sj_qp *qp, double *x, double *work, int32_t most, double 
                  double tolerance, sj_qp_result *result)
 {
     state q;
+    double beyond = qp->beyond > 0.0 ? qp->beyond : tolerance;
     share_out(&q, qp, work);
     begin(&q, x, warm > 0.0 ? warm : ROOM);
     *result = (sj_qp_result){0, SJ_QP_BOUND, 0.0, 0.0, 0.0};
@@ -382,7 +383,7 @@ void sj_qp_solve(const sj_qp *qp, double *x, double *work, int32_t most, double 
         result->iterations++;
         look(&q, x, result);
         if (result->gap <= tolerance && result->slope <= tolerance * q.steepest &&
-            result->outside <= tolerance) {
+            result->outside <= beyond) {
             result->status = SJ_QP_SOLVED;
             return;
         }

@@ -225,22 +225,24 @@ def monotone_pieces(way: FloatArray, resolution: float) -> list[tuple[int, int]]
     >>> monotone_pieces(np.array([0.0, 1.0, 0.999, 2.0, 2.0, 0.5]), 0.01)
     [(1, 0), (-1, 4)]
     """
-    pieces: list[tuple[int, int]] = []
-    sign, top, high = 0, 0, float(way[0])
+    beyond = np.abs(way - way[0]) > resolution
+    top = int(beyond.argmax())
+    if not beyond[top]:
+        return []
+    high = float(way[top])
+    sign = 1 if high > way[0] else -1
+    pieces = [(sign, top - 1)]
     step = np.sign(np.diff(way))
     moves = np.flatnonzero(step)
-    turns = moves[1:][step[moves[1:]] != step[moves[:-1]]]
-    # between turns nothing is decided but when the first piece begins
-    first = int(np.argmax(np.abs(way - high) > resolution)) + 1
-    at = np.union1d(np.arange(first), np.append(turns, len(way) - 1))
-    for i, x in zip(at.tolist(), way[at].tolist(), strict=True):
-        step = x - high
-        if abs(step) > resolution and sign * step <= 0.0:
-            sign = 1 if step > 0.0 else -1
+    at = moves[1:][step[moves[1:]] != step[moves[:-1]]]  # where it turns, by however little
+    for i in [*at[at > top].tolist(), len(way) - 1]:
+        ahead = float(way[i]) - high
+        if abs(ahead) > resolution and sign * ahead <= 0.0:
+            sign = -sign
             pieces.append((sign, top))
-            top, high = i, x
-        elif sign * step >= 0.0:
-            top, high = i, x if sign else high
+            top, high = i, float(way[i])
+        elif sign * ahead >= 0.0:
+            top, high = i, float(way[i])
     return pieces
 
 
