@@ -143,6 +143,7 @@ CODES = {
     DriveFault.SAFE_TORQUE_OFF: (0xFF80, "coast"),
     DriveFault.BRAKE: (0x7110, "ramp"),
     DriveFault.LOST_LINK: (0x8130, "ramp"),
+    DriveFault.RPDO_TIMEOUT: (0x8250, "ramp"),
 }
 
 
@@ -203,10 +204,11 @@ def test_an_event_cannot_be_injected() -> None:
         (3, [S.QUICK_STOP_ACTIVE, S.SWITCH_ON_DISABLED]),
     ],
 )
-def test_a_lost_link_acts_by_6007(option: int, states: list[DriveState]) -> None:
+@pytest.mark.parametrize("cause", [DriveFault.LOST_LINK, DriveFault.RPDO_TIMEOUT])
+def test_a_lost_link_acts_by_6007(option: int, states: list[DriveState], cause: DriveFault) -> None:
     """0 nothing, 1 fault, 2 disable voltage, 3 quick stop."""
     runner = Runner(speed=0.0, abort_option=option)
-    runner.drive.inject(DriveFault.LOST_LINK)
+    runner.drive.inject(cause)
     seen: list[DriveState] = []
     for _ in range(10):
         state = runner.run(1).state
@@ -479,7 +481,7 @@ def test_scaling_at_run_time_tells_the_position_anew() -> None:
     [
         {"feed": 4294967291, "gear_motor": 4294967279},
         {"friction_nm": 100.0},
-        {"homing_method": 3},
+        {"homing_method": 15},
         {"switch_negative_rev": 2.0, "switch_positive_rev": 1.0},
         {"max_speed_rpm": 1e5, "encoder_increments": 2**30, "period_s": 0.1},
     ],

@@ -14,6 +14,32 @@ enum { SJ_POLARITY_POSITION = 0x80, SJ_POLARITY_VELOCITY = 0x40, SJ_POLARITY_TOR
 enum { SJ_FAULT_RAMPS = 0, SJ_FAULT_COASTS = 1 };    /* whether the motor can be controlled */
 enum { SJ_POSITION_GOAL = 1, SJ_VELOCITY_GOAL = 2 }; /* sj_drive_goal.kind */
 
+/* How a homing method looks for its reference; directions are those of the motor. */
+enum {
+    SJ_HOMING_BY_NOTHING = 0, /* no motion, no new position */
+    SJ_HOMING_BY_PLACE = 1,   /* where the axis is */
+    SJ_HOMING_BY_SWITCH = 2,  /* an edge of a switch */
+    SJ_HOMING_BY_INDEX = 3,   /* the next index pulse */
+    SJ_HOMING_BY_STOP = 4     /* a hard stop */
+};
+
+typedef struct {
+    int8_t number;    /* 6098h */
+    uint8_t by;       /* SJ_HOMING_BY_... */
+    int8_t begins;    /* direction of the search while the switch is open */
+    int8_t direction; /* in which the reference is passed, or the index pulse is sought */
+    uint8_t input;    /* SJ_INPUT_... */
+    uint8_t rises;    /* the switch closes there */
+    uint8_t turns;    /* once, at the limit switch in the direction in which it begins */
+    uint8_t index;    /* home is the first index pulse behind the reference */
+} sj_homing_method;
+
+/* an edge that was passed */
+typedef struct {
+    int64_t place; /* the first increment behind it, counted upwards */
+    int32_t rises; /* the input has closed */
+} sj_signal_edge;
+
 typedef struct {
     uint16_t code;          /* 603Fh and the first two bytes of an emergency */
     uint8_t error_register; /* 1001h */
@@ -22,6 +48,9 @@ typedef struct {
 
 /* _cia402.c */
 const sj_drive_fault_row *sj_drive_fault(int32_t fault);
+
+/* _homing_methods.c */
+int sj_homing_method_of(int32_t number, sj_homing_method *method); /* 0: not offered */
 
 /* _config.c: pu = increments * *units / *increments, reduced; 0 when a term exceeds 2^30 */
 int32_t sj_drive_ratio(const sj_drive_config *config, int64_t *units, int64_t *increments);
@@ -33,7 +62,8 @@ void sj_point_move_increments(const sj_drive *drive, sj_drive_point *point, int6
 int64_t sj_point_move_units(const sj_drive *drive, sj_drive_point *point, int64_t distance);
 void sj_point_set(const sj_drive *drive, sj_drive_point *point, int64_t increments, int64_t units);
 void sj_point_set_home(sj_drive *drive, int64_t increments); /* these become 607Ch */
-int64_t sj_point_demand(const sj_drive *drive); /* 6062h: polarity applied, within 607Bh */
+int64_t sj_point_word(const sj_drive *drive, int64_t units); /* polarity, within 607Bh */
+int64_t sj_point_demand(const sj_drive *drive);              /* 6062h */
 
 /* _verdict.c */
 void sj_verdict_pause(sj_drive_verdict *verdict);     /* the stream is interrupted */
@@ -48,6 +78,19 @@ void sj_servo_period(sj_servo *servo, const sj_servo_constants *constants,
 enum { SJ_SERVO_LANES = 8 }; /* motors at once */
 /* One period of as many servos, SJ_SERVO_LANES at most. */
 void sj_servo_periods(int32_t count, sj_drive *const *drives, const sj_servo_command *commands);
+
+/* _signals.c */
+void sj_signal_prepare(sj_drive_signal input[SJ_INPUTS], const sj_drive_config *config);
+int sj_signal_closed(const sj_drive *drive, int32_t input);
+/* The edges that a way from one increment to another has passed, in their order; returns how many. */
+int32_t sj_signal_edges(const sj_drive *drive, int32_t input, int64_t from, int64_t to,
+                        sj_signal_edge edge[2]);
+/* The next index pulse above (1) or below (-1) a place. */
+int64_t sj_signal_pulse(const sj_drive *drive, int64_t place, int32_t direction);
+
+/* _probes.c */
+/* After the motor's period, which began at `from` increments; `function` is 60B8h. */
+void sj_probes_period(sj_drive *drive, uint16_t function, int64_t from);
 
 /* _limits.c */
 uint32_t sj_limit_inputs(const sj_drive *drive); /* 60FDh */
@@ -76,10 +119,15 @@ void sj_motion_begin_stop(sj_drive *drive, sj_servo_command *command, int32_t op
 int sj_motion_stopping(sj_drive *drive,
                        sj_servo_command *command);   /* it goes on; 0: there is none */
 int32_t sj_motion_limit_ramp(const sj_drive *drive); /* at a limit: that of 605Ah */
+/* Modes 4, 9 and 10 where the axis may not go on: onto an end, still moving onto it, or standing there
+ * without an order to leave it. Returns whether the axis is stopped, or held, in this period. */
+int sj_motion_held_at_an_end(sj_drive *drive, sj_servo_command *command, double wanted,
+                             double velocity);
 
 /* _cyclic.c */
 /* Returns a fault or SJ_FAULT_NONE. */
 int32_t sj_cyclic_position(sj_drive *drive, const sj_drive_rx *rx, sj_servo_command *command);
+int32_t sj_cyclic_interpolated(sj_drive *drive, const sj_drive_rx *rx, sj_servo_command *command);
 void sj_cyclic_velocity(sj_drive *drive, const sj_drive_rx *rx, sj_servo_command *command);
 void sj_cyclic_torque(sj_drive *drive, const sj_drive_rx *rx, sj_servo_command *command);
 
@@ -105,6 +153,10 @@ int sj_profile_reached(const sj_drive *drive);
 void sj_profile_velocity(sj_drive *drive, const sj_drive_rx *rx, sj_servo_command *command);
 uint16_t sj_profile_velocity_bits(sj_drive *drive); /* statusword bits 10, 12 */
 
+/* _profile_torque.c */
+void sj_profile_torque(sj_drive *drive, const sj_drive_rx *rx, sj_servo_command *command);
+int sj_profile_torque_reached(const sj_drive *drive);
+
 /* _supervision.c */
 void sj_drive_raise(sj_drive *drive, int32_t fault);                 /* transition 13 */
 int32_t sj_supervise_inputs(sj_drive *drive, const sj_drive_rx *rx); /* a fault or SJ_FAULT_NONE */
@@ -113,6 +165,9 @@ void sj_supervise_standing(sj_drive *drive);
 
 /* _report.c */
 void sj_report_words(sj_drive *drive, const sj_drive_rx *rx, sj_drive_tx *tx);
+
+/* The master is not heard: 6007h decides. */
+enum { SJ_LINK_CAUSES = 1 << SJ_FAULT_LOST_LINK | 1 << SJ_FAULT_RPDO_TIMEOUT };
 
 static inline int has_cause(const sj_drive *drive, int32_t fault)
 {

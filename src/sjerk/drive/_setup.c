@@ -26,6 +26,7 @@ static void prepare(sj_drive *drive)
     drive->scale.speed_limit = speed * config->period_s * increments_per_unit(drive);
     limit = ceil(speed * config->period_s * config->jump_factor);
     drive->scale.jump_limit = limit < 4294967296.0 ? (int64_t)limit : (int64_t)1 << 32;
+    sj_signal_prepare(drive->scale.input, config);
 }
 
 int32_t sj_drive_init(sj_drive *drive, const sj_drive_config *config)
@@ -41,6 +42,17 @@ int32_t sj_drive_init(sj_drive *drive, const sj_drive_config *config)
     sj_point_set(drive, &drive->demand.point, 0, 0);
     sj_verdict_clear(&drive->verdict);
     return 0;
+}
+
+/* It has been moved there without power: the motor is really turned. */
+void sj_drive_place(sj_drive *drive, int64_t word)
+{
+    sj_drive_point *const point = &drive->actual;
+
+    sj_point_set(drive, point, 0, 0);
+    sj_point_move_units(drive, point, with_polarity(drive, word, SJ_POLARITY_POSITION));
+    drive->servo.encoder = point->increments;
+    drive->demand.point = *point;
 }
 
 /* A new scale: positions anew from the encoder; a reference is lost. */

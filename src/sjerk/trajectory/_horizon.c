@@ -23,7 +23,7 @@ static const double RIDGE = 1e-9; /* weight of the distance to the given plan */
 static const double ROOM = 1e-11, KEPT = 1e-9;
 static const double TAKEN = 2e-10; /* of a row's largest entry, which is at most 3 */
 static const double STILL = 1e-8;  /* a smaller difference has no direction */
-static const double TOLERANCE = 1e-7;
+static const double TOLERANCE = 1e-9;
 static const double NEAR = 4.0; /* knots ahead in which a bound on deviations holds */
 static const double bezier[3][3] = {
     {1 / 6.0, 4 / 6.0, 1 / 6.0}, {0, 2 / 3.0, 1 / 3.0}, {0, 1 / 3.0, 2 / 3.0}};
@@ -407,8 +407,7 @@ static void solve(const sj_horizon *h, int32_t first, int32_t count, double *con
     p.qp.value = p.value;
     p.qp.lower = p.lower;
     p.qp.upper = p.upper;
-    p.qp.beyond = TAKEN;
-    sj_qp_solve(&p.qp, p.x, p.work, most, 0.0, h->exact ? 1e-2 * TOLERANCE : TOLERANCE, result);
+    sj_qp_solve(&p.qp, p.x, p.work, most, 0.0, TOLERANCE, result);
     if (h->fresh)
         part = result->outside <= TAKEN && p.fixed <= 3.0 * TAKEN ? 1.0 : 0.0;
     else

@@ -356,7 +356,6 @@ void sj_qp_solve(const sj_qp *qp, double *x, double *work, int32_t most, double 
                  double tolerance, sj_qp_result *result)
 {
     state q;
-    double beyond = qp->beyond > 0.0 ? qp->beyond : tolerance;
     share_out(&q, qp, work);
     begin(&q, x, warm > 0.0 ? warm : ROOM);
     *result = (sj_qp_result){0, SJ_QP_BOUND, 0.0, 0.0, 0.0};
@@ -383,7 +382,7 @@ void sj_qp_solve(const sj_qp *qp, double *x, double *work, int32_t most, double 
         result->iterations++;
         look(&q, x, result);
         if (result->gap <= tolerance && result->slope <= tolerance * q.steepest &&
-            result->outside <= beyond) {
+            result->outside <= tolerance) {
             result->status = SJ_QP_SOLVED;
             return;
         }

@@ -31,7 +31,6 @@ typedef struct {
     const int32_t *column;       /* of each entry, ascending within a row */
     const double *value;         /* of each entry */
     const double *lower, *upper; /* (rows,) */
-    double beyond;               /* most beyond a bound that is solved; 0: the tolerance */
 } sj_qp;
 
 typedef struct {
