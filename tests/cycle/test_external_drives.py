@@ -259,6 +259,8 @@ def test_an_external_drive_that_is_fed_forward_replays() -> None:
     assert np.abs(found.column("velocity_offset")).max() > 1000
     done = replay(found)
     assert done.identical, done.difference
+
+
 @settings(max_examples=30, deadline=None)
 @given(
     at=st.integers(100, 900),

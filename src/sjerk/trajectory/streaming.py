@@ -101,7 +101,8 @@ class GoalStream:
                 raise InputError(name, value, f"must be an int in {least} .. {most}")
         if real("margin", margin) < 0.0:
             raise InputError("margin", margin, "must not be negative")
-        self._limits = limits_of_each(limits, np.size(start))
+        count = len(start) if isinstance(start, Sequence) else np.size(start)
+        self._limits = limits_of_each(limits, count)
         n = len(self._limits)
         self._names = tuple(joint_names or (f"joint{k}" for k in range(n)))
         if len(self._names) != n:
