@@ -6,6 +6,7 @@
  */
 #include <math.h> /* fabs, isinf */
 #include <stdint.h>
+#include "base/_double_double.h"
 #include "cycle/_events.h"
 #include "cycle/_goals.h"
 #include "cycle/_inputs.h"
@@ -53,6 +54,8 @@ static void catch_motion(sj_kernel *kernel, int32_t i)
     if (now.velocity == 0.0 || axis_moving(ax))
         return;
     sj_interpolator_start(&ax->interpolator, &now);
+    ax->before[0] = ax->interpolator.q; /* as if it had come that way */
+    ax->before[1] = exact_subtract(ax->interpolator.q, ax->interpolator.v);
     sj_stop_alone(ax);
     if (ax->state == SJ_AXIS_STANDSTILL)
         sj_events_trigger(kernel, i, SJ_TRIGGER_MOVE);
@@ -105,6 +108,17 @@ static int32_t follows(sj_axis *ax, const sj_drive_tx *tx, int32_t stale)
     return ax->unfollowed++ < PATIENCE;
 }
 
+/* Told before what the drive does about it. */
+static void observe_switches(sj_kernel *kernel, int32_t i)
+{
+    sj_axis *ax = &kernel->axis[i];
+    uint32_t closed = sj_master_switches(&kernel->tx[i]), before = ax->switches;
+    if (closed == before)
+        return;
+    ax->switches = closed;
+    sj_events_report(kernel, SJ_EVENT_SWITCH, i, (int32_t)closed, before);
+}
+
 static void observe(sj_kernel *kernel, int32_t i)
 {
     sj_axis *ax = &kernel->axis[i];
@@ -114,6 +128,7 @@ static void observe(sj_kernel *kernel, int32_t i)
     int32_t fault = sj_master_fault(tx->statusword) || stale, homed = ax->homed;
 
     ax->actual_counts += (int32_t)change;
+    observe_switches(kernel, i);
     ax->following = follows(ax, tx, stale);
     if (!ax->following)
         ax->limited = sj_master_limited(tx->statusword);

@@ -364,7 +364,8 @@ typedef struct {
 int32_t sj_drive_config_check(const sj_drive_config *config);
 const char *sj_drive_config_field(int32_t field, double *low, double *high);
 
-int32_t sj_drive_init(sj_drive *drive, const sj_drive_config *config);      /* as the check */
+int32_t sj_drive_init(sj_drive *drive, const sj_drive_config *config); /* as the check */
+void sj_drive_place(sj_drive *drive, int64_t word); /* a new one: it stands at this word of 6064h */
 int32_t sj_drive_configure(sj_drive *drive, const sj_drive_config *config); /* keeps the motion */
 void sj_drive_rescale(sj_drive *drive); /* positions in pu anew from the encoder's increments */
 void sj_drive_cycle(sj_drive *drive, const sj_drive_rx *rx, sj_drive_tx *tx);

@@ -67,6 +67,11 @@ int32_t sj_master_follows_position(const sj_drive_tx *tx)
            (tx->mode_display == SJ_MODE_CSP || tx->mode_display == SJ_MODE_NONE);
 }
 
+uint32_t sj_master_switches(const sj_drive_tx *tx)
+{
+    return tx->digital_inputs & (SJ_DI_NEGATIVE | SJ_DI_POSITIVE);
+}
+
 int32_t sj_master_homing(const sj_drive_tx *tx)
 {
     if (tx->mode_display != SJ_MODE_HOMING || !sj_master_enabled(tx->statusword))

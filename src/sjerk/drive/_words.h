@@ -63,6 +63,16 @@ enum {
     SJ_MODE_CST = 10
 };
 
+/* digital inputs 60FDh */
+enum {
+    SJ_DI_NEGATIVE = 1, /* limit switches */
+    SJ_DI_POSITIVE = 2,
+    SJ_DI_HOME = 4,
+    SJ_DI_INTERLOCK = 8,
+    SJ_DI_PROBE_1 = 0x10000, /* from 16 on they are the maker's */
+    SJ_DI_PROBE_2 = 0x20000
+};
+
 /* faults by name; codes and reactions in _cia402.c */
 enum {
     SJ_FAULT_NONE = 0,
@@ -159,4 +169,6 @@ int32_t sj_master_limited(uint16_t statusword);            /* bit 11 */
 int32_t sj_master_follows_position(const sj_drive_tx *tx); /* enabled and following, bit 12; CSP */
 int32_t
 sj_master_bridging(const sj_drive_tx *tx); /* CSP, enabled; no limit keeps it from following */
+uint32_t
+sj_master_switches(const sj_drive_tx *tx);       /* closed limit switches: 1 negative, 2 positive */
 int32_t sj_master_homing(const sj_drive_tx *tx); /* mode 6: 1 attained, -1 error, 0 */

@@ -176,6 +176,10 @@ _MAKER: tuple[Object, ...] = (
           ("Velocity beyond limit", U32, "ro", "T", 0, "", "finding.VELOCITY"),
           ("Jerk beyond limit", U32, "ro", "T", 0, "", "finding.JERK"),
           ("SYNC unlike 60C2h", U32, "ro", "T", 0, "", "finding.PERIOD"), code=9),
+    many(0x2102, "Feed-forward of the drive itself",
+          ("Of the velocity, 0 .. 1", REAL, "rw", "", 1.0, "", "config.velocity_feedforward"),
+          ("Of the acceleration, 0 .. 1", REAL, "rw", "", 1.0, "",
+           "config.acceleration_feedforward"), code=9),
 )
 
 _PROFILE: tuple[Object, ...] = (

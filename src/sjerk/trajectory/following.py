@@ -28,7 +28,7 @@ BLOCK = 4096
 
 def follow(
     source: Trajectory | Iterable[Trajectory],
-    limits: Sequence[Limits] | Mapping[str, Limits],
+    limits: Limits | Sequence[Limits] | Mapping[str, Limits],
     cycle_time: float,
     *,
     use_velocities: bool = True,
@@ -49,7 +49,7 @@ def follow(
     ``begin``: in motion instead, at the first way-point; what such a state leaves no room for takes
     long, or is a PlanError. ``source``: a trajectory, or pieces of one that follow each other in
     time, consumed as needed: memory is that of ``block + lookahead`` way-points. ``limits``: one
-    per joint, in order or by name. Raises TrajectoryError for way-points outside
+    for all joints or one each, in order or by name. Raises TrajectoryError for way-points outside
     ``Limits.position``, for given velocities
     above their limit and for pieces that do not fit; InputError; PlanError (from rest: a fault of
     sjerk).
@@ -103,7 +103,7 @@ class Window:
 
 def windows(
     pieces: Iterator[Trajectory],
-    limits: Sequence[Limits] | Mapping[str, Limits],
+    limits: Limits | Sequence[Limits] | Mapping[str, Limits],
     T: float,
     use_velocities: bool,
     lookahead: int,
@@ -156,7 +156,7 @@ def windows(
 
 def _refuse(
     piece: Trajectory,
-    limits: Sequence[Limits] | Mapping[str, Limits],
+    limits: Limits | Sequence[Limits] | Mapping[str, Limits],
     total: int,
     velocities: bool,
 ) -> None:

@@ -51,7 +51,7 @@ class Thinned:
 
 def follow_within(
     way: Trajectory,
-    limits: Sequence[Limits] | Mapping[str, Limits],
+    limits: Limits | Sequence[Limits] | Mapping[str, Limits],
     cycle_time: float,
     *,
     tolerance: float,

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sjerk.errors import InputError, positive
+from sjerk.limits import limits_of_each
 from sjerk.profile import FloatArray, Limits
 from sjerk.trajectory.columns import Columns
 from sjerk.trajectory.faults import (
@@ -30,6 +31,8 @@ from sjerk.trajectory.files import read_bag, read_table, write_table
 
 #: Two way-points are one where a joint differs by less than this share of its limit or delta.
 RELATIVE = 1e-9
+#: An end velocity below this share of its limit is rest; without limits, of the joint's largest.
+REST = 1e-4
 
 
 class ExecutionMode(enum.Enum):
@@ -150,7 +153,7 @@ class Trajectory:
 
     def faults(
         self,
-        limits: Sequence[Limits] | Mapping[str, Limits] | None = None,
+        limits: Limits | Sequence[Limits] | Mapping[str, Limits] | None = None,
         *,
         joints: Sequence[str] | None = None,
         start: ArrayLike | None = None,
@@ -164,7 +167,8 @@ class Trajectory:
         ``limits``: one per joint, in the order of ``joint_names`` or by name: positions, and
         velocities and accelerations where given. ``joints``: those of the machine, any order.
         ``start`` (N,): where the joints are; a first point at time 0 further away than
-        ``start_tolerance`` (the joint's unit) is a jump, a later one is a ramp. ``begins`` and
+        ``start_tolerance`` (the joint's unit) is a jump, a later one is a ramp. An end velocity
+        that is no more than 1e-4 of its limit (else of the joint's largest) is 0. ``begins`` and
         ``now`` in seconds of one clock: the moment of time 0, and the present.
 
         >>> reach = Limits(1.0, 1.0, 1.0, position=(-1.0, 1.0))
@@ -180,18 +184,14 @@ class Trajectory:
         if start is not None:
             found += self._jump_faults(start, start_tolerance)
         if self.velocity is not None and not end_velocity_allowed:
-            last = len(self) - 1
-            for joint, speed in zip(self.joint_names, self.velocity[-1], strict=True):
-                if speed != 0.0:
-                    why = f"velocity = {speed} at the end, must be 0"
-                    found.append(TrajectoryFault(FaultKind.END_VELOCITY, why, last, joint))
+            found += self._end_faults(limits)
         if begins is not None and begins + self.duration < now:
             why = f"ended {now - begins - self.duration:g} s ago"
             found.append(TrajectoryFault(FaultKind.PAST, why, len(self) - 1))
         return tuple(found)
 
     def check(
-        self, limits: Sequence[Limits] | Mapping[str, Limits] | None = None, **options: Any
+        self, limits: Limits | Sequence[Limits] | Mapping[str, Limits] | None = None, **options: Any
     ) -> None:
         """Raise TrajectoryError with everything that ``faults`` (same arguments) finds."""
         found = self.faults(limits, **options)
@@ -209,20 +209,22 @@ class Trajectory:
             if joint not in self.joint_names
         ]
 
-    def limits_in_order(self, limits: Sequence[Limits] | Mapping[str, Limits]) -> list[Limits]:
-        """One ``Limits`` per joint in the order of ``joint_names``; raises InputError."""
+    def limits_in_order(
+        self, limits: Limits | Sequence[Limits] | Mapping[str, Limits]
+    ) -> list[Limits]:
+        """One ``Limits`` per joint in the order of ``joint_names``; raises InputError.
+
+        ``limits``: one for all joints, one each in order, or by name.
+        """
         if isinstance(limits, Mapping):
             missing = [joint for joint in self.joint_names if joint not in limits]
             if missing:
                 raise InputError("limits", sorted(limits), f"must have {', '.join(missing)}")
-            return [limits[joint] for joint in self.joint_names]
-        if len(limits) != len(self.joint_names):
-            most = len(self.joint_names)
-            raise InputError("limits", len(limits), f"must be one per joint: {most}")
-        return list(limits)
+            limits = [limits[joint] for joint in self.joint_names]
+        return limits_of_each(limits, len(self.joint_names))
 
     def _limit_faults(
-        self, limits: Sequence[Limits] | Mapping[str, Limits]
+        self, limits: Limits | Sequence[Limits] | Mapping[str, Limits]
     ) -> list[TrajectoryFault]:
         found = []
         for i, (joint, limit) in enumerate(
@@ -245,6 +247,25 @@ class Trajectory:
                         why = f"{name} = {column[point, i]} exceeds {most}"
                         found.append(TrajectoryFault(kind, why, int(point), joint))
         return found
+
+    def _end_faults(
+        self, limits: Limits | Sequence[Limits] | Mapping[str, Limits] | None
+    ) -> list[TrajectoryFault]:
+        """Planners leave what rounding makes of 0; as small as that it is an end at rest."""
+        assert self.velocity is not None
+        most = np.abs(self.velocity).max(axis=0)
+        if limits is not None:
+            most = np.array([limit.velocity for limit in self.limits_in_order(limits)])
+        return [
+            TrajectoryFault(
+                FaultKind.END_VELOCITY,
+                f"velocity = {speed} at the end, must be 0 (within {REST:g} of {full:g})",
+                len(self) - 1,
+                joint,
+            )
+            for joint, speed, full in zip(self.joint_names, self.velocity[-1], most, strict=True)
+            if abs(speed) > REST * full
+        ]
 
     def _jump_faults(self, start: ArrayLike, tolerance: float) -> list[TrajectoryFault]:
         here = np.asarray(start, dtype=np.float64)

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sjerk.errors import InputError, PlanError, positive
+from sjerk.limits import limits_of_each
 from sjerk.planner import Motion, plan
 from sjerk.profile import FloatArray, Limits
 from sjerk.trajectory.following import BLOCK, LOOKAHEAD, limits_per_cycle, windows
@@ -24,7 +25,7 @@ from sjerk.trajectory.trajectory import Trajectory
 
 def follow_path(
     points: ArrayLike,
-    limits: Sequence[Limits],
+    limits: Limits | Sequence[Limits],
     cycle_time: float,
     *,
     joint_names: Sequence[str] | None = None,
@@ -34,14 +35,15 @@ def follow_path(
 ) -> Iterator[Followed]:
     """Follow way-points without times as fast as the limits allow, from rest to rest.
 
-    ``points`` (n, N). Without ``tolerance`` every way-point is met bit for bit and the path between
-    is smooth. With a ``tolerance`` (Euclidean, in the joints' unit) the path is the straight lines
-    between the way-points with their corners cut: commanded positions stay within the tolerance of
-    the lines, and the lines' corners within it of them; neighbouring points on one line still are
-    met. For exact stops at every point see ``follow_stops``. Look-ahead: a forward and a backward
-    pass over the window's segments give the times to begin with, then no segment can lose a cycle
-    with the others fixed. ``stretch`` counts the cycles above what the velocity limits need; a
-    block's way-points are those of the cut path. Raises InputError, TrajectoryError, PlanError.
+    ``points`` (n, N); ``limits``: one for all joints or one each. Without ``tolerance`` every
+    way-point is met bit for bit and the path between is smooth. With a ``tolerance`` (Euclidean, in
+    the joints' unit) the path is the straight lines between the way-points with their corners cut:
+    commanded positions stay within the tolerance of the lines, and the lines' corners within it of
+    them; neighbouring points on one line still are met. For exact stops at every point see
+    ``follow_stops``. Look-ahead: a forward and a backward pass over the window's segments give the
+    times to begin with, then no segment can lose a cycle with the others fixed. ``stretch`` counts
+    the cycles above what the velocity limits need; a block's way-points are those of the cut path.
+    Raises InputError, TrajectoryError, PlanError.
 
     >>> corner = [[0.0, 0.0], [0.5, 0.0], [0.5, 0.5]]
     >>> limits = [Limits(2.0, 4.0, 500.0)] * 2
@@ -63,7 +65,7 @@ def follow_path(
 
 
 def follow_stops(
-    points: ArrayLike, limits: Sequence[Limits], cycle_time: float
+    points: ArrayLike, limits: Limits | Sequence[Limits], cycle_time: float
 ) -> Iterator[Motion]:
     """Follow straight lines between way-points with an exact stop at each; one ``Motion`` per line.
 
@@ -74,9 +76,10 @@ def follow_stops(
     [1009, 716]
     """
     path = _path(points)
+    each = limits_of_each(limits, path.shape[1])
     for one, two in itertools.pairwise(path.tolist()):
         if one != two:
-            yield plan(one, two, limits, cycle_time, synchronization="phase")
+            yield plan(one, two, each, cycle_time, synchronization="phase")
 
 
 def _path(points: ArrayLike) -> FloatArray:
@@ -89,16 +92,14 @@ def _path(points: ArrayLike) -> FloatArray:
     return path
 
 
-def _table(path: FloatArray, limits: Sequence[Limits], T: float) -> FloatArray:
-    if len(limits) != path.shape[1]:
-        raise InputError("limits", len(limits), f"must be one per joint: {path.shape[1]}")
-    return limits_per_cycle(limits, T)
+def _table(path: FloatArray, limits: Limits | Sequence[Limits], T: float) -> FloatArray:
+    return limits_per_cycle(limits_of_each(limits, path.shape[1]), T)
 
 
 def _fast(
     path: FloatArray,
     names: Sequence[str],
-    limits: Sequence[Limits],
+    limits: Limits | Sequence[Limits],
     T: float,
     lookahead: int,
     block: int,
@@ -214,7 +215,7 @@ _CUTS = 14
 def _blended(
     path: FloatArray,
     names: Sequence[str],
-    limits: Sequence[Limits],
+    limits: Limits | Sequence[Limits],
     T: float,
     tolerance: float,
     lookahead: int,

@@ -132,6 +132,9 @@ void sj_esc_reset_loop(sj_esc *esc);
 void sj_esc_start_sync(sj_esc *esc, int64_t now);      /* 0981h was written */
 void sj_line_advance(sj_line *line, int64_t now);      /* all that is due */
 int64_t sj_line_due(const sj_line *line, int64_t now); /* when the next is */
+/* Virtual time from *now to `end`, each event at its own time; it returns early, with 1, where a device
+ * has events for its application. single: after one step. */
+int32_t sj_line_pass(sj_line *line, int64_t *now, int64_t end, int32_t single);
 
 /* ---- the drive's task (_esc_task.c) ---- */
 void sj_esc_period(sj_esc *esc, int32_t missed);

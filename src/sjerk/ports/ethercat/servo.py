@@ -18,8 +18,8 @@ from sjerk.drive.entries import ObjectEntry
 
 _TX_FIELDS = DriveFeedback._fields[1:]
 _SPECIAL = {0x607A: "target_position", 0x6060: "mode"}
-_RX_OFFSETS = {name: entry.offset for name, entry in ffi.typeof("sj_drive_rx").fields}
-_TX_OFFSETS = {name: entry.offset for name, entry in ffi.typeof("sj_drive_tx").fields}
+RX_OFFSETS = {name: entry.offset for name, entry in ffi.typeof("sj_drive_rx").fields}
+TX_OFFSETS = {name: entry.offset for name, entry in ffi.typeof("sj_drive_tx").fields}
 
 
 class WireDrive(Drive):
@@ -95,7 +95,7 @@ def targets_in(rows: Iterable[ObjectEntry]) -> int:
     2
     """
     offsets = {word_of(row, receive=True) for row in rows}
-    return sum(1 << bit for bit, name in enumerate(POSITIONS) if _RX_OFFSETS[name] in offsets)
+    return sum(1 << bit for bit, name in enumerate(POSITIONS) if RX_OFFSETS[name] in offsets)
 
 
 def word_of(row: ObjectEntry, *, receive: bool) -> int | None:
@@ -109,7 +109,7 @@ def word_of(row: ObjectEntry, *, receive: bool) -> int | None:
     if receive and row.sub == 0 and row.index in _SPECIAL:
         side, name = "rx", _SPECIAL[row.index]
     if receive and side == "rx":
-        return int(_RX_OFFSETS[name])
+        return int(RX_OFFSETS[name])
     if not receive and side == "tx":
-        return int(_TX_OFFSETS[name])
+        return int(TX_OFFSETS[name])
     return None

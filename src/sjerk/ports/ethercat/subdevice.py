@@ -144,6 +144,11 @@ class Subdevice:
         return self._get("<H", _AL_CODE)
 
     @property
+    def controller(self) -> Any:
+        """Its controller (``sj_esc *``): memory, buffers, the drive's words."""
+        return self._esc
+
+    @property
     def waiting(self) -> bool:
         """Whether a transition waits for outputs or SYNC0."""
         return self._waiting is not None
