@@ -299,6 +299,28 @@ def test_a_drive_that_follows_again_at_speed_is_slowed_down_from_there(
     assert move.state is MoveState.DONE
 
 
+def test_what_is_fed_forward_goes_on_where_a_drive_follows_again() -> None:
+    """60B1h is the motor's velocity and 60B2h no blow, in the very cycle in which it follows."""
+    line = Line()
+    fed = FeedForward.of(DriveConfig())
+    line.kernel = MotionKernel([Axis(LIMITS, COUNTS, "external", feed_forward=fed)], T)
+    line.host = line.kernel.host()
+    line.host.enable()
+    line.step(20)
+    line.host.move([3600.0])
+    line.step(500)
+    line.pulled = int(line.kernel.image.inputs[0]["velocity_actual"])
+    line.step(50)
+    line.pulled = None
+    out, words = line.kernel.image.outputs[0], []
+    for _ in range(10):
+        line.step()
+        words.append((int(out["velocity_offset"]), int(out["torque_offset"])))
+    first = next(k for k, (velocity, _) in enumerate(words) if velocity)
+    assert words[first][0] == pytest.approx(line.pulled_at, rel=0.02)
+    assert all(abs(torque) < 100 for _, torque in words[: first + 2])
+
+
 @pytest.mark.parametrize(("shift", "wild"), [(0, 2**30), (0, -(2**30)), (12345, 0), (-REV, 0)])
 def test_what_is_no_motion_is_taken_for_none(shift: int, wild: int) -> None:
     """A drive at rest that follows again with another 6064h, or that tells a wild 606Ch."""

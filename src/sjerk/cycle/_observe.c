@@ -6,6 +6,7 @@
  */
 #include <math.h> /* fabs, isinf */
 #include <stdint.h>
+#include "base/_double_double.h"
 #include "cycle/_events.h"
 #include "cycle/_goals.h"
 #include "cycle/_inputs.h"
@@ -53,6 +54,8 @@ static void catch_motion(sj_kernel *kernel, int32_t i)
     if (now.velocity == 0.0 || axis_moving(ax))
         return;
     sj_interpolator_start(&ax->interpolator, &now);
+    ax->before[0] = ax->interpolator.q; /* as if it had come that way */
+    ax->before[1] = exact_subtract(ax->interpolator.q, ax->interpolator.v);
     sj_stop_alone(ax);
     if (ax->state == SJ_AXIS_STANDSTILL)
         sj_events_trigger(kernel, i, SJ_TRIGGER_MOVE);
