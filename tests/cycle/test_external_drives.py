@@ -18,6 +18,7 @@ from sjerk import (
     MotionKernel,
     MotionStoppedError,
     Recording,
+    follow_path,
     replay,
     simulate,
 )
@@ -338,3 +339,42 @@ def test_what_is_no_motion_is_taken_for_none(shift: int, wild: int) -> None:
         line.step()
         assert not line.host.feedback().moving
         assert line.targets[-1] == pytest.approx(shift, abs=10)
+
+
+# ---- leaving in the cycle of a stop --------------------------------------------------------------
+
+
+@pytest.mark.parametrize("way", ["path", "hold"])
+def test_an_axis_that_leaves_in_the_cycle_of_a_stop_is_where_its_drive_is(way: str) -> None:
+    """A path, or a feed hold, hands nothing over to an axis whose drive has just left."""
+    limits = Limits(90.0, 500.0, 5000.0)
+    kernel = MotionKernel([Axis(limits, COUNTS, "external")] * 2, T)
+    host, image, lag = kernel.host(), kernel.image, 1000
+
+    def step(cycles: int) -> None:
+        for _ in range(cycles):
+            image.inputs["position_actual"] = image.outputs["target_position"] - lag
+            kernel.step()
+
+    image.inputs["statusword"], image.inputs["mode_display"] = 0x1237, 8
+    host.enable()
+    step(20)
+    if way == "path":
+        at = np.array([axis.position for axis in host.feedback().axes])
+        host.follow(
+            follow_path(at + np.array([[0.0, 0.0], [5.0, 8.0], [20.0, 5.0]]), [limits] * 2, T)
+        )
+        step(250)
+    else:
+        host.move([60.0, 25.0])
+        step(200)
+        host.hold()
+        step(30)
+    assert host.feedback().moving
+    image.inputs["statusword"][0] = 0x0250
+    host.quick_stop(0.0)
+    step(1)
+    left, other = host.feedback().axes
+    assert left.position == left.actual_counts / COUNTS
+    assert left.velocity == 0.0
+    assert other.velocity != 0.0
