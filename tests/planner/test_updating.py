@@ -11,10 +11,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from helpers.chains import SOME
 from sjerk import InputError, Limits, Profile, State, plan
 from sjerk.planner import Step, Updater
 
@@ -108,6 +109,7 @@ def runs(draw: st.DrawFn) -> tuple[list[Limits], list[tuple[int, list[float]]], 
     return limits, draw(st.lists(some, min_size=1, max_size=12)), mode
 
 
+@settings(max_examples=SOME)
 @given(runs())
 def test_targets_that_change_in_any_cycle_never_make_a_jump(
     run: tuple[list[Limits], list[tuple[int, list[float]]], str],
