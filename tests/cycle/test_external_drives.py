@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from sjerk import (
     Axis,
@@ -19,7 +22,8 @@ from sjerk import (
     simulate,
 )
 from sjerk._binding import lib
-from sjerk.cia402 import Drive, DriveConfig
+from sjerk.cia402 import Drive, DriveConfig, Mode
+from sjerk.cycle.states import AxisState
 from sjerk.host import EventKind, LimitSwitch, MoveState
 from sjerk.kernel import FeedForward
 
@@ -39,6 +43,9 @@ class Line:
         self.host = self.kernel.host()
         self.masked = self.missed = self.silent = self.deaf = False
         self.word = 0
+        self.pulled: int | None = None  # a velocity that another master gives in CSV
+        self.pulled_at = 0  # the last speed of that
+        self.wild = 0  # added to 606Ch
         self.targets: list[int] = []
         self.host.enable()
         self.step(20)
@@ -53,18 +60,21 @@ class Line:
             feedback = self.drive.cycle(
                 self.word,
                 int(out["target_position"]),
-                mode=int(out["mode"]),
+                mode=int(out["mode"]) if self.pulled is None else Mode.CSV,
+                target_velocity=self.pulled or 0,
                 velocity_offset=int(out["velocity_offset"]),
                 torque_offset=int(out["torque_offset"]),
                 sync_missed=self.missed,
             )
+            if self.pulled is not None:
+                self.pulled_at = feedback.velocity_actual
             image.stale[0] = self.silent
             if not self.silent:
                 row = image.inputs[0]
                 row["statusword"] = feedback.statusword & ~(FOLLOWS if self.masked else 0)
                 row["mode_display"] = feedback.mode_display
                 row["position_actual"] = feedback.position_actual
-                row["velocity_actual"] = feedback.velocity_actual
+                row["velocity_actual"] = feedback.velocity_actual + self.wild
                 row["error_code"] = feedback.error_code
                 row["digital_inputs"] = feedback.digital_inputs
             self.kernel.step()
@@ -249,3 +259,58 @@ def test_an_external_drive_that_is_fed_forward_replays() -> None:
     assert np.abs(found.column("velocity_offset")).max() > 1000
     done = replay(found)
     assert done.identical, done.difference
+@settings(max_examples=30, deadline=None)
+@given(
+    at=st.integers(100, 900),
+    cycles=st.integers(4, 120),
+    goal=st.sampled_from([-3600.0, 3600.0]),
+    pull=st.floats(0.3, 1.2),
+)
+def test_a_drive_that_follows_again_at_speed_is_slowed_down_from_there(
+    at: int, cycles: int, goal: float, pull: float
+) -> None:
+    """Someone else turned it in CSV meanwhile: no step in the stream, rest by the axis' limits."""
+    line = Line()
+    line.host.move([goal])
+    line.step(at)
+    speed = float(line.kernel.image.inputs[0]["velocity_actual"])
+    for k in range(cycles):  # by what the torque can do
+        change = (pull - 1.0) * speed
+        line.pulled = round(speed + math.copysign(min(abs(change), 0.1 * REV * k), change))
+        line.step()
+    line.pulled = None
+    begin = len(line.targets)
+    line.drive.clear_report()
+    line.step(10)
+    states = {line.host.feedback().axes[0].state}
+    line.step(2500)
+    assert not line.drive.report().findings
+    velocity = np.diff(np.array(line.targets[begin:], float)) / COUNTS / T
+    assert np.abs(np.diff(velocity)).max() <= 1.05 * LIMITS.acceleration * T + 2 / COUNTS / T
+    if abs(line.pulled_at) > 0.02 * LIMITS.velocity * COUNTS:
+        assert abs(velocity[2]) > 0.8 * abs(line.pulled_at) / COUNTS
+        assert states == {AxisState.DISCRETE_MOTION}
+    assert not line.host.feedback().moving
+    assert line.host.feedback().axes[0].state is AxisState.STANDSTILL
+    move = line.host.move([0.0])
+    line.step(3000)
+    assert move.state is MoveState.DONE
+
+
+@pytest.mark.parametrize(("shift", "wild"), [(0, 2**30), (0, -(2**30)), (12345, 0), (-REV, 0)])
+def test_what_is_no_motion_is_taken_for_none(shift: int, wild: int) -> None:
+    """A drive at rest that follows again with another 6064h, or that tells a wild 606Ch."""
+    line = Line()
+    line.masked = True
+    line.step(10)
+    if shift:
+        line.drive.configure(homing_method=37, home_offset=shift)
+        for word in (0xF, 0x1F, 0x1F, 0xF):
+            line.drive.cycle(word, mode=Mode.HOMING)
+    line.wild = wild
+    line.step(10)
+    line.masked = False
+    for _ in range(5):
+        line.step()
+        assert not line.host.feedback().moving
+        assert line.targets[-1] == pytest.approx(shift, abs=10)
