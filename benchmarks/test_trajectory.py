@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import ruckig
 
 from sjerk import (
     GoalStream,
@@ -264,6 +265,44 @@ def test_cost_of_a_stream(report: Any) -> None:
             f"7 joints, {1 / period:.0f} Hz, {name:14}: {share:.2%} of a core, one take at most "
             f"{1e3 * worst:.1f} ms, lag at most {stream.report.largest_lag:.3f} s",
         )
+
+
+@pytest.mark.parametrize("every", [1, 2, 5, 10, 20])
+def test_tracking_a_sine(report: Any, every: int) -> None:
+    """0.5 (1 - cos pi t), told every few cycles with its velocity, 0.1 s ahead: beside ruckig."""
+    limits, period, ahead = Limits(2.175, 7.5, 500.0), every * T, 0.1
+    t = np.arange(0.0, 5.0, period)
+    stream = GoalStream([limits], T, [0.0], period=period, delay=round(ahead / period), knots=24)
+    blocks = []
+    for k in range(1, len(t)):
+        position, velocity = _sine(t[k])
+        stream.push([position], velocity=[velocity])
+        blocks += stream.take(every * k)
+    rows = np.arange(1000, 4000)
+    own = _positions(iter(blocks))[rows, 0] - _sine(rows * T - ahead + period)[0]
+    otg, out, inp = ruckig.Ruckig(1, T), ruckig.OutputParameter(1), ruckig.InputParameter(1)
+    inp.max_velocity, inp.max_acceleration = [limits.velocity], [limits.acceleration]
+    inp.max_jerk = [limits.jerk]
+    other = []
+    for k in range(4000):
+        if k % every == 0:
+            position, velocity = _sine(k * T + ahead)
+            inp.target_position, inp.target_velocity = [position], [velocity]
+        otg.update(inp, out)
+        out.pass_to_input(inp)
+        other.append(out.new_position[0])
+    theirs = np.array(other)[rows] - _sine((rows + 1) * T)[0]
+    ratio = float(np.sqrt(np.mean(own**2) / np.mean(theirs**2)))
+    report.line(
+        STREAM,
+        f"sine told every {every:2} cycles, 0.1 s ahead: error rms / that of planning anew with "
+        f"ruckig {ratio:.1e}",
+    )
+    assert ratio <= 0.1
+
+
+def _sine(t: Any) -> tuple[Any, Any]:
+    return 0.5 * (1.0 - np.cos(np.pi * t)), 0.5 * np.pi * np.sin(np.pi * t)
 
 
 def _interrupted(goals: np.ndarray, limits: list[Limits]) -> np.ndarray:

@@ -30,6 +30,7 @@ from sjerk.cli import (
     status,
     stop,
 )
+from sjerk.cli.arguments import shielded
 from sjerk.errors import (
     KernelGoneError,
     MotionStoppedError,
@@ -81,13 +82,20 @@ _CODES: dict[type[Exception], int] = {
 }
 
 
+def told(error: Exception) -> str:
+    """An error in one line; of the system's own, the file and the reason without the number."""
+    if isinstance(error, OSError) and error.filename is not None:
+        return f"{error.filename}: {error.strerror}"
+    return str(error)
+
+
 def main(argv: list[str] | None = None) -> int:
     """Run the command line; returns the exit code."""
-    options = arguments().parse_args(argv)
+    options = arguments().parse_args(shielded(sys.argv[1:] if argv is None else argv))
     try:
         return int(options.run(options))
     except (SjerkError, TimeoutError, OSError) as error:
-        print(f"sjerk: {error}", file=sys.stderr)
+        print(f"sjerk: {told(error)}", file=sys.stderr)
         return next((code for kind, code in _CODES.items() if isinstance(error, kind)), 1)
     except KeyboardInterrupt:
         return 130

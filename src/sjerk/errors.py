@@ -9,6 +9,9 @@ import math
 from collections.abc import Callable, Sequence
 from numbers import Real
 
+#: Characters of a value that a message shows.
+_SHOWN = 120
+
 
 class SjerkError(Exception):
     """Base of every error that sjerk raises on purpose."""
@@ -19,10 +22,14 @@ class InputError(SjerkError, ValueError):
 
     >>> print(InputError("velocity", -1.0, "must be greater than 0"))
     velocity = -1.0: must be greater than 0
+
+    The message has the beginning of a long value, ``value`` the whole of it.
     """
 
     def __init__(self, field: str, value: object, limit: str) -> None:
-        super().__init__(f"{field} = {value!r}: {limit}")
+        text = repr(value)
+        text = text if len(text) <= _SHOWN else f"{text[:_SHOWN]}..."
+        super().__init__(f"{field} = {text}: {limit}")
         self.field = field
         self.value = value
         self.limit = limit

@@ -9,18 +9,21 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from sjerk import Axis, InputError, Limits, Monitor, MotionKernel, Recording
-from sjerk.__main__ import main
+from sjerk.__main__ import arguments, main
 from sjerk.cli import common
-from sjerk.cli.arguments import by_axis, duration, duration_or_inf
+from sjerk.cli.arguments import by_axis, duration, duration_or_inf, shielded
 from sjerk.handshake import Layout, Segment
-from sjerk.host import EventKind, StopKind
+from sjerk.host import EventKind, Feedback, StopKind
 
 LEAVE = (
     "import os, sys; from sjerk.handshake import *; "
@@ -95,6 +98,44 @@ def test_words_by_axis(wanted: dict[int, float]) -> None:
     for wrong in ([*words, "1.0"], [*words, words[0]], [*words, "=1"], ["x"]):
         with pytest.raises(InputError, match="target"):
             by_axis("target", wrong)
+
+
+@given(st.floats(max_value=-1e-300, allow_nan=False), st.sampled_from(["{!r}", "{:e}", "{:g}"]))
+def test_every_way_to_write_a_negative_number_is_a_target(value: float, form: str) -> None:
+    """Also -1e-05, as programs print it, and -inf: argparse takes those for options."""
+    word = form.format(value)
+    given_words = arguments().parse_args(shielded(["move", word, "3", "--timeout", "5"]))
+    assert by_axis("target", given_words.target) == [float(word), 3.0]
+    assert given_words.timeout == 5.0
+
+
+def test_a_file_that_cannot_be_opened_is_told_by_its_name(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """No number of the system's error; a folder, a file that is not there, a socket nobody has."""
+    missing = tmp_path / "robot.toml"
+    assert main(["kernel", str(missing)]) == 1
+    assert capsys.readouterr().err == f"sjerk: {missing}: No such file or directory\n"
+    assert main(["kernel", str(tmp_path)]) == 1
+    assert capsys.readouterr().err == f"sjerk: {tmp_path}: Is a directory\n"
+    nowhere = tmp_path / "none"
+    assert main(["drive", "--control", str(nowhere), "--fault", "status"]) == 1
+    assert capsys.readouterr().err.startswith(f"sjerk: --control = '{nowhere}': no line of drives")
+    assert main(["drive", "--control", str(nowhere / "deep"), "--fault", "status"]) == 1
+    assert "no line of drives" in capsys.readouterr().err
+
+
+@given(st.floats(min_value=-1e12, max_value=1e12))
+def test_small_units_lose_no_digits(position: float) -> None:
+    """A position in metres or in turns is as exact as one in degrees; JSON has every bit."""
+    assert math.isclose(float(common.word(position)), position, rel_tol=1e-11)
+    axis = Axis(Limits(1e-6, 1e-5, 1e-4), counts_per_unit=1e12, unit="m", drive="ideal")
+    kernel = MotionKernel(axes=[axis])
+    kernel.step()
+    axes = kernel.host().feedback().axes
+    moved = SimpleNamespace(axes=[replace(axes[0], position=position)])
+    (row,) = common.axis_rows(cast(Feedback, moved))
+    assert json.loads(json.dumps(row))["position"] == position
 
 
 FILE = """

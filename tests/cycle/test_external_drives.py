@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from sjerk import (
     Axis,
@@ -15,11 +18,13 @@ from sjerk import (
     MotionKernel,
     MotionStoppedError,
     Recording,
+    follow_path,
     replay,
     simulate,
 )
 from sjerk._binding import lib
-from sjerk.cia402 import Drive, DriveConfig
+from sjerk.cia402 import Drive, DriveConfig, Mode
+from sjerk.cycle.states import AxisState
 from sjerk.host import EventKind, LimitSwitch, MoveState
 from sjerk.kernel import FeedForward
 
@@ -39,6 +44,9 @@ class Line:
         self.host = self.kernel.host()
         self.masked = self.missed = self.silent = self.deaf = False
         self.word = 0
+        self.pulled: int | None = None  # a velocity that another master gives in CSV
+        self.pulled_at = 0  # the last speed of that
+        self.wild = 0  # added to 606Ch
         self.targets: list[int] = []
         self.host.enable()
         self.step(20)
@@ -53,18 +61,21 @@ class Line:
             feedback = self.drive.cycle(
                 self.word,
                 int(out["target_position"]),
-                mode=int(out["mode"]),
+                mode=int(out["mode"]) if self.pulled is None else Mode.CSV,
+                target_velocity=self.pulled or 0,
                 velocity_offset=int(out["velocity_offset"]),
                 torque_offset=int(out["torque_offset"]),
                 sync_missed=self.missed,
             )
+            if self.pulled is not None:
+                self.pulled_at = feedback.velocity_actual
             image.stale[0] = self.silent
             if not self.silent:
                 row = image.inputs[0]
                 row["statusword"] = feedback.statusword & ~(FOLLOWS if self.masked else 0)
                 row["mode_display"] = feedback.mode_display
                 row["position_actual"] = feedback.position_actual
-                row["velocity_actual"] = feedback.velocity_actual
+                row["velocity_actual"] = feedback.velocity_actual + self.wild
                 row["error_code"] = feedback.error_code
                 row["digital_inputs"] = feedback.digital_inputs
             self.kernel.step()
@@ -249,3 +260,121 @@ def test_an_external_drive_that_is_fed_forward_replays() -> None:
     assert np.abs(found.column("velocity_offset")).max() > 1000
     done = replay(found)
     assert done.identical, done.difference
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    at=st.integers(100, 900),
+    cycles=st.integers(4, 120),
+    goal=st.sampled_from([-3600.0, 3600.0]),
+    pull=st.floats(0.3, 1.2),
+)
+def test_a_drive_that_follows_again_at_speed_is_slowed_down_from_there(
+    at: int, cycles: int, goal: float, pull: float
+) -> None:
+    """Someone else turned it in CSV meanwhile: no step in the stream, rest by the axis' limits."""
+    line = Line()
+    line.host.move([goal])
+    line.step(at)
+    speed = float(line.kernel.image.inputs[0]["velocity_actual"])
+    for k in range(cycles):  # by what the torque can do
+        change = (pull - 1.0) * speed
+        line.pulled = round(speed + math.copysign(min(abs(change), 0.1 * REV * k), change))
+        line.step()
+    line.pulled = None
+    begin = len(line.targets)
+    line.drive.clear_report()
+    line.step(10)
+    states = {line.host.feedback().axes[0].state}
+    line.step(2500)
+    assert not line.drive.report().findings
+    velocity = np.diff(np.array(line.targets[begin:], float)) / COUNTS / T
+    assert np.abs(np.diff(velocity)).max() <= 1.05 * LIMITS.acceleration * T + 2 / COUNTS / T
+    if abs(line.pulled_at) > 0.02 * LIMITS.velocity * COUNTS:
+        assert abs(velocity[2]) > 0.8 * abs(line.pulled_at) / COUNTS
+        assert states == {AxisState.DISCRETE_MOTION}
+    assert not line.host.feedback().moving
+    assert line.host.feedback().axes[0].state is AxisState.STANDSTILL
+    move = line.host.move([0.0])
+    line.step(3000)
+    assert move.state is MoveState.DONE
+
+
+def test_what_is_fed_forward_goes_on_where_a_drive_follows_again() -> None:
+    """60B1h is the motor's velocity and 60B2h no blow, in the very cycle in which it follows."""
+    line = Line()
+    fed = FeedForward.of(DriveConfig())
+    line.kernel = MotionKernel([Axis(LIMITS, COUNTS, "external", feed_forward=fed)], T)
+    line.host = line.kernel.host()
+    line.host.enable()
+    line.step(20)
+    line.host.move([3600.0])
+    line.step(500)
+    line.pulled = int(line.kernel.image.inputs[0]["velocity_actual"])
+    line.step(50)
+    line.pulled = None
+    out, words = line.kernel.image.outputs[0], []
+    for _ in range(10):
+        line.step()
+        words.append((int(out["velocity_offset"]), int(out["torque_offset"])))
+    first = next(k for k, (velocity, _) in enumerate(words) if velocity)
+    assert words[first][0] == pytest.approx(line.pulled_at, rel=0.02)
+    assert all(abs(torque) < 100 for _, torque in words[: first + 2])
+
+
+@pytest.mark.parametrize(("shift", "wild"), [(0, 2**30), (0, -(2**30)), (12345, 0), (-REV, 0)])
+def test_what_is_no_motion_is_taken_for_none(shift: int, wild: int) -> None:
+    """A drive at rest that follows again with another 6064h, or that tells a wild 606Ch."""
+    line = Line()
+    line.masked = True
+    line.step(10)
+    if shift:
+        line.drive.configure(homing_method=37, home_offset=shift)
+        for word in (0xF, 0x1F, 0x1F, 0xF):
+            line.drive.cycle(word, mode=Mode.HOMING)
+    line.wild = wild
+    line.step(10)
+    line.masked = False
+    for _ in range(5):
+        line.step()
+        assert not line.host.feedback().moving
+        assert line.targets[-1] == pytest.approx(shift, abs=10)
+
+
+# ---- leaving in the cycle of a stop --------------------------------------------------------------
+
+
+@pytest.mark.parametrize("way", ["path", "hold"])
+def test_an_axis_that_leaves_in_the_cycle_of_a_stop_is_where_its_drive_is(way: str) -> None:
+    """A path, or a feed hold, hands nothing over to an axis whose drive has just left."""
+    limits = Limits(90.0, 500.0, 5000.0)
+    kernel = MotionKernel([Axis(limits, COUNTS, "external")] * 2, T)
+    host, image, lag = kernel.host(), kernel.image, 1000
+
+    def step(cycles: int) -> None:
+        for _ in range(cycles):
+            image.inputs["position_actual"] = image.outputs["target_position"] - lag
+            kernel.step()
+
+    image.inputs["statusword"], image.inputs["mode_display"] = 0x1237, 8
+    host.enable()
+    step(20)
+    if way == "path":
+        at = np.array([axis.position for axis in host.feedback().axes])
+        host.follow(
+            follow_path(at + np.array([[0.0, 0.0], [5.0, 8.0], [20.0, 5.0]]), [limits] * 2, T)
+        )
+        step(250)
+    else:
+        host.move([60.0, 25.0])
+        step(200)
+        host.hold()
+        step(30)
+    assert host.feedback().moving
+    image.inputs["statusword"][0] = 0x0250
+    host.quick_stop(0.0)
+    step(1)
+    left, other = host.feedback().axes
+    assert left.position == left.actual_counts / COUNTS
+    assert left.velocity == 0.0
+    assert other.velocity != 0.0

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import os
+import signal
+import time
+
 import numpy as np
 import pytest
 
 from helpers.following_check import Array, T
 from helpers.path_check import Bench, keeps
-from sjerk import InputError, Limits, StreamPlayer
+from sjerk import Axis, InputError, Limits, MotionKernel, StreamPlayer
 from sjerk.cli.demo import dips
 
 LIMITS = [Limits(2.0, 4.0, 200.0)] * 2
@@ -15,8 +19,10 @@ TIME = np.arange(0.0, 3.01, 0.1)
 GOALS = 0.3 * (1.0 - np.cos(np.pi * TIME / 3.0))[:, None] * [1.0, -0.4]
 
 
-def played(goals: Array, *, late: int = -1, within: bool = False) -> tuple[Bench, StreamPlayer]:
-    """A goal every 100 cycles; at goal ``late`` nobody looks for 400 cycles."""
+def played(
+    goals: Array, *, late: int = -1, hold: int = 4, within: bool = False
+) -> tuple[Bench, StreamPlayer]:
+    """A goal every 100 cycles; at goal ``late`` nobody looks for ``hold`` goals."""
     bench = Bench([0.0, 0.0], LIMITS)
     player = StreamPlayer(bench.host, period=0.1, stop_within=within)
     for k, goal in enumerate(goals[1:]):
@@ -26,7 +32,7 @@ def played(goals: Array, *, late: int = -1, within: bool = False) -> tuple[Bench
         for cycle in range(100):
             bench.kernel.step()
             bench.rows.append(bench.now())
-            if cycle % 4 == 0 and not late <= k < late + 4:
+            if cycle % 4 == 0 and not late <= k < late + hold:
                 player.update()
     for _ in range(20_000):
         if player.done:
@@ -68,6 +74,19 @@ def test_a_host_that_is_held_up_goes_on_from_where_its_plan_has_come() -> None:
     np.testing.assert_array_equal(bench.positions[-1], GOALS[-1])
 
 
+def test_a_host_that_was_away_is_in_time_again() -> None:
+    """No piece for 1600 cycles, at rest meanwhile: every goal passed, the end when it is due."""
+    time = np.arange(0.0, 6.01, 0.1)
+    goals = 0.3 * (1.0 - np.cos(np.pi * time / 6.0))[:, None] * [1.0, -0.4]
+    bench, player = played(goals, late=12, hold=16)
+    assert player.report.passed == player.report.goals
+    assert player.report.largest_lag > 0.1
+    assert player.report.reversals.max() == 0
+    keeps(bench.positions, LIMITS)
+    usual, _ = played(goals)
+    assert len(bench.rows) <= len(usual.rows) + 50
+
+
 def test_what_is_refused() -> None:
     """As by the stream."""
     bench = Bench([0.0, 0.0], LIMITS)
@@ -98,3 +117,62 @@ def test_cycles_that_the_kernel_leaves_out_are_made_up() -> None:
         player.update()
     took = bench.host.feedback().cycle - begun + skipped
     assert took * T <= 0.1 * (len(GOALS) - 1) + 4 * 0.1 + 2 * 0.05 + 0.15
+
+
+def test_a_stream_by_the_clock_is_in_time_on_a_kernel_that_is_held_up() -> None:
+    """A kernel's process stopped for 30 ms every 0.2 s: goals at their times, the lag is true."""
+    axes = [Axis(limit, 1e6) for limit in LIMITS]
+    with MotionKernel(axes, T) as kernel, kernel.host() as host:
+        host.enable()
+        with StreamPlayer(host, period=0.05, delay=6, ahead=0.1) as player:
+            goals = 0.3 * (1.0 - np.cos(np.linspace(0.0, np.pi, 61)))[:, None] * [1.0, -0.4]
+            before, start = host.feedback(), time.monotonic()
+            for k, goal in enumerate(goals[1:]):
+                while time.monotonic() - start < 0.05 * k:
+                    time.sleep(1e-3)
+                player.push(goal, 0.05 * (k + 1))
+                if k % 4 == 3:
+                    os.kill(kernel.pid or 0, signal.SIGSTOP)
+                    time.sleep(0.03)
+                    os.kill(kernel.pid or 0, signal.SIGCONT)
+            player.end()
+            after = host.feedback()
+            while not player.done:
+                now = host.feedback()
+                if now.axes[0].position != after.axes[0].position:
+                    after = now  # the last one in motion
+                time.sleep(1e-3)
+            assert host.feedback().axes[0].position == goals[-1, 0]
+    skipped = after.timing.late - before.timing.late
+    assert skipped >= 15 * 20
+    report = player.report
+    assert report.reversals.max() == 0
+    assert report.passed == report.goals == 60
+    # by the clock, which goes on in cycles that are left out: late by what is reported, and a stop
+    took = (after.cycle - before.cycle + skipped) * T
+    due = 59 * 0.05 + 6 * 0.05 + 2 * 0.1
+    assert took - due <= report.lag + 0.5
+
+
+def test_the_first_goal_chooses_the_turn_of_an_axis_that_wraps() -> None:
+    """One and a half turns on, goals from half a turn on: the nearest; the other axis as it is."""
+    kernel = MotionKernel([Axis(LIMITS[0], 1e6, wrap=1.0), Axis(LIMITS[0], 1e6)], T)
+    host = kernel.host()
+    host.enable()
+    kernel.step(10)
+    move = host.move([1.5, 0.0])
+    while not move.done:
+        kernel.step(50)
+    player = StreamPlayer(host, period=0.1)
+    goals = np.column_stack([0.5 + np.linspace(0.0, 0.4, 12), np.linspace(0.0, 0.4, 12)])
+    for k, goal in enumerate(goals[1:]):
+        player.push(goal)
+        if k == len(goals) - 2:
+            player.end()
+        for _ in range(25):
+            kernel.step(4)
+            player.update()
+    while not player.done:
+        kernel.step(4)
+        player.update()
+    assert [a.position for a in host.feedback().axes] == [pytest.approx(1.9, abs=1e-12), 0.4]

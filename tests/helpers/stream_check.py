@@ -7,6 +7,7 @@ with a stall; limits of driving and braking that differ, 40 to 100 % of which th
 
 from __future__ import annotations
 
+import math
 import random
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -18,7 +19,6 @@ from sjerk import GoalStream, Limits, State, plan
 from sjerk.trajectory.segments import Followed
 
 Array = NDArray[np.float64]
-T = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +34,14 @@ class Draw:
     within: bool
     count: Array
     share: float
+    T: float = 1e-3
+    velocities: Array | None = None
+
+    @property
+    def in_time(self) -> bool:
+        """Whether no goal is late, and each known 0.75 stops before the last period begins."""
+        known = self.delay * self.period - float(np.diff(self.times).max(initial=self.period))
+        return bool((self.arrivals == self.times).all()) and known >= 0.75 * self.stop
 
     @property
     def stop(self) -> float:
@@ -47,6 +55,7 @@ class Draw:
 
 def drawn(rng: random.Random) -> Draw:
     """A stream; the recording is planned under a share of the limits."""
+    T = rng.choice([0.5e-3, 1e-3, 1e-3, 2e-3, 4e-3])
     joints = rng.choice([1, 1, 2, 3, 7])
     share = rng.choice([0.4, 0.5, 0.8, 0.95, 1.0])
     limits, slower = [], []
@@ -69,7 +78,7 @@ def drawn(rng: random.Random) -> Draw:
         blocks.append(rows[1:])
         at = rows[-1]
     path = np.concatenate(blocks)
-    period = rng.choice([0.5, 0.2, 0.1, 0.1, 0.05, 0.02, 0.01, 0.005, 0.002])
+    period = max(T, rng.choice([0.5, 0.2, 0.1, 0.1, 0.05, 0.02, 0.01, 0.005, 0.002]))
     step, rows = max(1, round(period / T)), [0]
     jittered = rng.random() < 0.3
     while rows[-1] < len(path) - 1:
@@ -89,7 +98,9 @@ def drawn(rng: random.Random) -> Draw:
         late[rng.randrange(1, len(times))] = rng.uniform(1, 5) * period
     arrivals = np.maximum.accumulate(times + late)
     delay = rng.choice([1, 2, 3, 4, 6, 10, max(1, min(256, round(1.5 * 0.5 / period)))])
-    return Draw(limits, times, goals, arrivals, period, delay, rng.random() < 0.5, count, share)
+    within = rng.random() < 0.5
+    velocities = np.gradient(path, T, axis=0)[rows] if rng.random() < 0.2 else None
+    return Draw(limits, times, goals, arrivals, period, delay, within, count, share, T, velocities)
 
 
 @dataclass
@@ -104,6 +115,7 @@ class Outcome:
 
 def play(draw: Draw, **options: float) -> tuple[GoalStream, Outcome]:
     """Goals as they arrive, and a knot each time the one before is over."""
+    T = draw.T
     stream = GoalStream(
         draw.limits,
         T,
@@ -119,16 +131,22 @@ def play(draw: Draw, **options: float) -> tuple[GoalStream, Outcome]:
     )
     while not stream.done and stream.cycle < longest:
         while k < len(draw.times) and draw.arrivals[k] - begin <= stream.cycle * T + 1e-9:
-            stream.push(draw.goals[k], float(draw.times[k]))
+            speed = None if draw.velocities is None else draw.velocities[k]
+            stream.push(draw.goals[k], float(draw.times[k]), velocity=speed)
             k += 1
         if k == len(draw.times):
             stream.end()
-        made = stream.take(stream.cycle + 1)
+        until = stream.cycle + 1000
+        if k < len(draw.times):  # until it comes nothing is new
+            until = math.ceil((float(draw.arrivals[k]) - begin - 1e-9) / T)
+        made = stream.take(max(until, stream.cycle + 1))
         found.blocks += made
         found.known += [k] * len(made)
     found.done = stream.done
     due = float(draw.times[-1] - draw.times[1]) + draw.delay * draw.period
-    due = max(due, float(draw.arrivals[-1]) - begin)
+    # what comes late is followed by the rest of the recording, as fast as the limits allow
+    rest = draw.share * (draw.times[-1] - draw.times)
+    due = max(due, float((draw.arrivals + rest)[1:].max()) - begin)
     moving = [b.first_cycle + int(b.cycles.sum()) for b in found.blocks if b.jerk.any()]
     found.late = (moving[-1] if moving else 0) * T - due
     return stream, found
@@ -147,7 +165,13 @@ def turns(way: Array, least: float) -> int:
 
 
 def judge(draw: Draw, found: Outcome) -> dict[str, float]:
-    """Faults, by the jerks handed out: integrated here, from rest at the first goal."""
+    """Faults, by the jerks handed out: integrated here, from rest at the first goal.
+
+    ``over``: of a limit, as a ratio; ``gap``: between samples and sums; ``turns``: more than the
+    goals have; ``passed``: beyond the goals known; ``cut``: largest distance of a goal from all
+    samples, as a share of a joint's way.
+    """
+    T = draw.T
     jerk, cycles = [], []
     for block in found.blocks:
         for i in range(len(block)):
@@ -196,7 +220,10 @@ def judge(draw: Draw, found: Outcome) -> dict[str, float]:
             more, float(((rows - high[k]) / scale).max()), float(((low[k] - rows) / scale).max())
         )
     end = bool((position[-1] == draw.goals[-1]).all())
-    return {"over": over, "gap": gap, "turns": extra, "passed": more, "end": end}
+    way, cut = np.ptp(draw.goals, axis=0) + 1e-300, 0.0
+    for goal in draw.goals[:: max(1, len(draw.goals) // 30)]:
+        cut = max(cut, float((np.abs(position - goal) / way).max(axis=1).min()))
+    return {"over": over, "gap": gap, "turns": extra, "passed": more, "end": end, "cut": cut}
 
 
 def runs(

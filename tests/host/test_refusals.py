@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,7 @@ from sjerk import (
     MotionKernel,
     MotionStoppedError,
     Profile,
+    Recorder,
     SjerkError,
     State,
     plan,
@@ -93,6 +95,12 @@ SHARED = P.sample()
         lambda: MotionKernel([AXIS]).host().enable(axes=1.5),
         lambda: MotionKernel([AXIS]).host().halt(axes="0"),
         lambda: MotionKernel([AXIS]).host().follow([], axes=1.5),
+        lambda: MotionKernel([AXIS], clock=5),
+        lambda: MotionKernel([AXIS], reactions="halt"),
+        lambda: Recorder(5, None),
+        lambda: Recorder(MotionKernel([AXIS]), 5),
+        lambda: Axis(L, 1.0, unit="deg\n"),
+        lambda: Axis(L, 1.0, unit="\ud800"),
         lambda: DriveConfig(following_window=1e6),
         lambda: DriveConfig(rated_torque_nm="x"),
     ],
@@ -102,6 +110,24 @@ def test_unusable_input_is_an_input_error(call: Any) -> None:
     with pytest.raises(InputError) as refusal:
         call()
     assert refusal.value.field
+
+
+def test_a_message_is_short_and_says_which_values_are_legal() -> None:
+    """Both ends of a range belong to it; a limit is named with its axis; long values are cut."""
+    near = Limits(1.0, 2.0, 3.0, position=(-5.0, 5.0))
+    with pytest.raises(InputError, match=r"target.position = 10.0: must lie in -5.0 .. 5.0$"):
+        plan(State(0.0), State(10.0), near, T)
+    with pytest.raises(InputError, match=r"target\[1\].position = 6.0: must lie in -5.0 .. 5.0$"):
+        plan_many([0.0, 0.0], [5.0, 6.0], near, T)
+    assert plan(State(-5.0), State(5.0), near, T).cycles > 0
+    kernel = MotionKernel([AXIS])
+    beyond = replace(AXIS.limits, velocity=1e9)
+    with pytest.raises(InputError, match=r"limits.velocity = 1000000000.0: must be at most .* 0$"):
+        kernel.host().move(1.0, limits=beyond)
+    with pytest.raises(InputError) as refusal:
+        Limits(velocity=10**400, acceleration=1.0, jerk=1.0)
+    assert len(str(refusal.value)) < 200
+    assert refusal.value.value == 10**400
 
 
 def test_arrays_are_sequences_and_tiny_numbers_are_zero_everywhere() -> None:

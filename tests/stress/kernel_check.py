@@ -330,6 +330,8 @@ def _halts(recording: Recording, i: int) -> NDArray[np.int64]:
     commands = np.ascontiguousarray(chunk.commands["data"]).view(command_dtype(axes))
     halts = commands["axis"]["halts"][:, i].astype(np.int64) if len(commands) else np.zeros(0)
     found = [chunk.commands["cycle"][1:][np.diff(halts) != 0]] if len(commands) else []
+    enable = commands["axis"]["enable"][:, i] if len(commands) else np.zeros(0)
+    found += [chunk.commands["cycle"][1:][np.diff(enable) < 0]] if len(commands) else []
     found.append(chunk.commands["cycle"][:1][halts[:1] != 0])
     kinds = (
         *(EventKind.HOST, EventKind.FAULT, EventKind.FOLLOWING, EventKind.CORRUPT),

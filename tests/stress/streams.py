@@ -31,6 +31,8 @@ def main() -> int:
     table: dict[str, dict[str, float]] = {}
     kept = 0
     late: dict[str, list[float]] = {"within": [], "trust": []}
+    cut: dict[str, list[float]] = {"within": [], "trust": []}
+    in_time: dict[str, list[float]] = {"within": [], "trust": []}
     for i, draw, found, verdict, stream in runs(
         options.seed, options.runs, iterations=options.iterations
     ):
@@ -51,8 +53,11 @@ def main() -> int:
             row[name] += is_bad
         faults += any(bad.values())
         late[mode].append(found.late / draw.stop)
+        cut[mode].append(verdict["cut"])
+        if draw.in_time:
+            in_time[mode].append(found.late / stream.knot)
         if options.verbose and any(bad.values()):
-            said = ", ".join(f"{k} {v:.3g}" for k, v in verdict.items())
+            said = ", ".join(f"{k} {v - (k == 'over'):.3g}" for k, v in verdict.items())
             print(
                 f"run {i}: {said}; N {len(draw.limits)} period {draw.period} delay {draw.delay} "
                 f"{mode} share {draw.share} late {found.late / draw.stop:.2f}",
@@ -69,6 +74,16 @@ def main() -> int:
         print(mode, ", ".join(f"{name} {int(n)}" for name, n in row.items()))
         print(
             "  late, in stops: median {:.2f}, p90 {:.2f}, p99 {:.2f}, worst {:.2f}".format(*stops)
+        )
+        if in_time[mode]:
+            print(
+                f"  {len(in_time[mode])} in time, known 0.75 stops before they were due: "
+                f"late by {max(in_time[mode]):.2f} knots at most"
+            )
+        off = np.percentile(cut[mode], [50, 90, 99, 100])
+        print(
+            "  goals off the motion, of the way: "
+            "median {:.1e}, p90 {:.1e}, p99 {:.1e}, worst {:.1e}".format(*off)
         )
     print(f"the plan before was kept in {kept} knots")
     return int(faults > 0)

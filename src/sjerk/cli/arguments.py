@@ -10,6 +10,8 @@ import math
 
 from sjerk.errors import InputError
 
+#: Help of ``--seconds`` where it may be left out.
+ENDLESS = "then end (default: never)"
 _LONGEST = 1e9  # seconds: clocks of the system end not far above
 
 
@@ -33,9 +35,30 @@ def duration_or_inf(word: str) -> float:
     return math.inf if _number(word) == math.inf else duration(word)
 
 
+def shielded(words: list[str]) -> list[str]:
+    """Words of a command line in which argparse takes no negative number for an option.
+
+    It knows -5 and -0.5, not -1e-3, which programs print, nor -5. and -inf; a space before such a
+    number makes it an argument, and is no part of the number.
+
+    >>> shielded(["move", "-1e-3", "--timeout", "5"])
+    ['move', ' -1e-3', '--timeout', '5']
+    """
+    return [f" {word}" if word.startswith("-") and _is_number(word) else word for word in words]
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
+
+
 def by_axis(what: str, words: list[str]) -> list[float] | dict[int, float]:
     """Numbers in the order of the axes, or AXIS=NUMBER words; raises InputError."""
     found: dict[int, float] = {}
+    words = [word.strip() for word in words]
     named = ["=" in word for word in words]
     if any(named) and not all(named):
         raise InputError(what, " ".join(words), "must be all numbers or all AXIS=NUMBER")

@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from sjerk.errors import HostTakenError, InputError, SegmentMissingError
+from sjerk.errors import HostTakenError, InputError, SegmentMissingError, SjerkError
 from sjerk.handshake import clean
 from sjerk.host import Feedback, Host, Monitor
 from sjerk.recording import files
@@ -74,7 +74,7 @@ def sigterm_as_ctrl_c() -> Iterator[None]:
 def name_of(options: argparse.Namespace) -> str:
     """The kernel that is meant: named, or the only one that runs.
 
-    Raises SegmentMissingError where none runs, InputError where many do.
+    Raises SegmentMissingError where none runs, SjerkError where many do.
     """
     if options.name is not None:
         return str(options.name)
@@ -86,7 +86,8 @@ def name_of(options: argparse.Namespace) -> str:
     if not found:
         raise SegmentMissingError("no kernel runs")
     if len(found) > 1:
-        raise InputError("--name", None, f"{len(found)} kernels run: {', '.join(found)}")
+        running = f"{len(found)} kernels run: {', '.join(found)}"
+        raise SjerkError(f"{running}; --name says which one is meant")
     return found[0]
 
 
@@ -119,13 +120,26 @@ def show(options: argparse.Namespace, data: dict[str, Any]) -> None:
     for key, value in data.items():
         if isinstance(value, list):
             for row in value:
-                print("  ".join(f"{k} {v}" for k, v in row.items()), flush=True)
+                print(_fields(row), flush=True)
         elif isinstance(value, dict):
             for k, v in value.items():
-                text = "  ".join(f"{n} {x}" for n, x in v.items()) if isinstance(v, dict) else v
-                print(f"{key}.{k}: {text}", flush=True)
+                print(f"{key}.{k}: {_fields(v) if isinstance(v, dict) else word(v)}", flush=True)
         else:
-            print(f"{key}: {value}", flush=True)
+            print(f"{key}: {word(value)}", flush=True)
+
+
+def _fields(row: dict[str, Any]) -> str:
+    """Names and values of a row in one line; a text that says nothing is left out."""
+    return "  ".join(f"{name} {word(value)}" for name, value in row.items() if value != "")
+
+
+def word(value: object) -> str:
+    """A value to be read: numbers have 12 digits, in whatever unit; JSON has all of them.
+
+    >>> word(0.1 + 0.2), word(-2.5e-8), word(160.0), word(None)
+    ('0.3', '-2.5e-08', '160.0', 'None')
+    """
+    return str(float(f"{value:.12g}")) if isinstance(value, float) else str(value)
 
 
 def axis_rows(feedback: Feedback) -> list[dict[str, Any]]:
@@ -138,9 +152,9 @@ def axis_rows(feedback: Feedback) -> list[dict[str, Any]]:
             "state": axis.state.name,
             "drive": axis.drive_state.name,
             "switches": axis.limit_switches.name or "",
-            "position": round(axis.position, 9),
-            "actual": round(axis.actual_position, 6),
-            "velocity": round(axis.velocity, 6),
+            "position": axis.position,
+            "actual": axis.actual_position,
+            "velocity": axis.velocity,
             "unit": axis.unit,
         }
         for i, axis in enumerate(feedback.axes)

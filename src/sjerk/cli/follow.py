@@ -170,9 +170,9 @@ def _result(options: argparse.Namespace, host: Host, goal: GoalHandle) -> None:
             "code": int(goal.code),
             "result": ResultCode(goal.code).name,
             "text": goal.text,
-            "stretch_s": round(goal.stretch, 6),
+            "stretch_s": goal.stretch,
             "positions": [
-                {"axis": i, "position": round(axis.position, 9), "unit": axis.unit}
+                {"axis": i, "position": axis.position, "unit": axis.unit}
                 for i, axis in enumerate(axes)
             ],
         },

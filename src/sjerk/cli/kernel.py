@@ -6,6 +6,7 @@ Never here: motion, processes.
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 import time
 from contextlib import ExitStack, suppress
@@ -13,7 +14,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-from sjerk.cli.arguments import duration_or_inf
+from sjerk.cli.arguments import ENDLESS, duration_or_inf
 from sjerk.cli.common import add_force, add_verb, ready, show, sigterm_as_ctrl_c
 from sjerk.host import Monitor
 from sjerk.kernel import described, port_tables, read_table
@@ -25,11 +26,11 @@ def add_arguments(jobs: Any) -> None:
     """Add kernel."""
     text = "run the kernel of a TOML file until Ctrl-C or SIGTERM"
     job = add_verb(jobs, "kernel", run, text, named=False)
-    job.add_argument("file", type=Path)
+    job.add_argument("file", type=Path, help="TOML: axes, limits, drives, reactions")
     job.add_argument("--name", help="of the kernel; default: the file's")
     job.add_argument("--group", help="whose members may use it too, by --any-owner")
-    job.add_argument("--spin-us", type=float, help="busy wait before each deadline")
-    job.add_argument("--seconds", type=duration_or_inf, default=float("inf"), help="end by itself")
+    job.add_argument("--spin-us", type=float, help="busy wait before each deadline, us")
+    job.add_argument("--seconds", type=duration_or_inf, default=math.inf, help=ENDLESS)
     job.add_argument(
         "--record", type=Path, help="every cycle, to .parquet or .mcap (extra: record)"
     )

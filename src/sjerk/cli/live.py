@@ -11,7 +11,7 @@ from collections.abc import Callable
 from rich.live import Live
 from rich.table import Table
 
-from sjerk.cli.common import axis_rows
+from sjerk.cli.common import axis_rows, word
 from sjerk.host import Monitor
 
 
@@ -26,6 +26,6 @@ def watch(monitor: Monitor, goes_on: Callable[[], bool], period: float) -> None:
             for column in rows[0]:
                 table.add_column(column)
             for row in rows:
-                table.add_row(*(str(value) for value in row.values()))
+                table.add_row(*(word(value) for value in row.values()))
             live.update(table)
             time.sleep(period)

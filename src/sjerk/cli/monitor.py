@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import math
 import time
 from typing import Any
 
-from sjerk.cli.arguments import duration_or_inf
+from sjerk.cli.arguments import ENDLESS, duration_or_inf
 from sjerk.cli.common import add_verb, axis_rows, name_of, show
 from sjerk.extras import load
 from sjerk.host import Monitor
@@ -17,7 +18,7 @@ _PERIOD_S = 0.1
 def add_arguments(jobs: Any) -> None:
     """Add monitor."""
     job = add_verb(jobs, "monitor", run, "a live table (extra: rich)")
-    job.add_argument("--seconds", type=duration_or_inf, default=float("inf"))
+    job.add_argument("--seconds", type=duration_or_inf, default=math.inf, help=ENDLESS)
 
 
 def run(options: argparse.Namespace) -> int:

@@ -16,7 +16,9 @@ def add_arguments(jobs: Any) -> None:
     job = add_verb(jobs, "move", run, "move to positions; returns at the goal")
     job.add_argument("target", nargs="+", help="a position per axis, or AXIS=POSITION")
     job.add_argument("--relative", action="store_true", help="targets are distances")
-    job.add_argument("--velocity", type=float, help="instead of the axes' own")
+    job.add_argument(
+        "--velocity", type=float, help="largest, axis units per s; default: the axes' own"
+    )
     job.add_argument("--synchronization", choices=("time", "phase", "none"), default="time")
     job.add_argument(
         "--buffer",

@@ -20,7 +20,7 @@ _POINTS = 2000  # most points of a curve: more is not seen
 def add_arguments(jobs: Any) -> None:
     """Add plot."""
     job = jobs.add_parser("plot", help="a picture of a recording: planned, commanded, actual")
-    job.add_argument("file", type=Path)
+    job.add_argument("file", type=Path, help="a recording, .parquet or .mcap")
     job.add_argument("--out", type=Path, help="default: the recording's name with .png")
     job.add_argument("--axes", type=int, nargs="+", help="default: all")
     job.set_defaults(run=run)

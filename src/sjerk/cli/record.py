@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import math
 import time
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from sjerk.cli.arguments import duration_or_inf
+from sjerk.cli.arguments import ENDLESS, duration_or_inf
 from sjerk.cli.common import add_force, add_verb, name_of, ready, show, sigterm_as_ctrl_c
 from sjerk.recording import Recorder
 
@@ -17,7 +18,7 @@ def add_arguments(jobs: Any) -> None:
     """Add record."""
     job = add_verb(jobs, "record", run, "record every cycle of a running kernel until its end")
     job.add_argument("file", type=Path, help="ends in .parquet or .mcap (extra: record)")
-    job.add_argument("--seconds", type=duration_or_inf, default=float("inf"))
+    job.add_argument("--seconds", type=duration_or_inf, default=math.inf, help=ENDLESS)
     add_force(job)
 
 

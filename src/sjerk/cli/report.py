@@ -21,7 +21,7 @@ def add_arguments(jobs: Any) -> None:
     """Add report."""
     text = "cycle times, compared with cyclictest where it is installed"
     job = add_verb(jobs, "report", run, text)
-    job.add_argument("--seconds", type=duration, default=5.0)
+    job.add_argument("--seconds", type=duration, default=5.0, help="how long (default: 5)")
 
 
 def run(options: argparse.Namespace) -> int:

@@ -14,7 +14,7 @@ def add_arguments(jobs: Any) -> None:
     """Add simulate."""
     text = "run a recording again and compare every bit"
     job = add_verb(jobs, "simulate", run, text, named=False)
-    job.add_argument("file", type=Path)
+    job.add_argument("file", type=Path, help="a recording, .parquet or .mcap")
 
 
 def run(options: argparse.Namespace) -> int:

@@ -45,7 +45,7 @@ static void send(sj_kernel *kernel, int32_t i)
         ax->target_counts = llround(counts);
     else if (!ax->config.external ||
              !kernel->stale[i]) /* else the last one: a frozen 6064h is none */
-        ax->target_counts = ax->actual_counts;
+        ax->target_counts = ax->actual_counts + llround(ax->turning); /* at the end of its period */
     rx->mode = ax->homing ? SJ_MODE_HOMING : SJ_MODE_CSP;
     rx->controlword =
         sj_master_controlword(kernel->tx[i].statusword, wanted(kernel, ax, i), ax->reset == 1);

@@ -6,6 +6,7 @@
  */
 #include <math.h> /* fabs, isinf */
 #include <stdint.h>
+#include "base/_double_double.h"
 #include "cycle/_events.h"
 #include "cycle/_goals.h"
 #include "cycle/_inputs.h"
@@ -13,9 +14,11 @@
 #include "cycle/_motion.h"
 #include "cycle/_observe.h"
 #include "cycle/_reactions.h"
+#include "cycle/_stops.h"
 #include "dpram/_dpram.h"
 
-enum { PATIENCE = 3 }; /* cycles without bit 12 that are no stop */
+enum { PATIENCE = 3 };              /* cycles without bit 12 that are no stop */
+static const double SETTLED = 1e-3; /* of the velocity limit: the motor is at rest */
 
 /* ---- drives ---- */
 
@@ -26,6 +29,36 @@ static void anchor(sj_axis *ax)
     sj_interpolator_start(&ax->interpolator, &actual);
     ax->goal.kind = SJ_GOAL_NONE;
     ax->held = ax->reached = ax->blends = 0;
+}
+
+/* How fast the motor turns, in increments per cycle: the velocity on which 606Ch and the way of 6064h
+ * agree, the smaller where they have one direction. So a frame that shifts is no motion, and a 606Ch in
+ * another unit is no wild one. 0 at rest, and where a limit of the drive is not to be crossed. */
+static double turning(const sj_kernel *kernel, int32_t i, double change)
+{
+    const sj_axis *ax = &kernel->axis[i];
+    double least = SETTLED * ax->config.limits.velocity * fabs(ax->config.counts_per_unit);
+    double told = kernel->tx[i].velocity_actual * kernel->feedback.cycle_time_s;
+    double velocity = fabs(told) < fabs(change) ? told : change;
+    return !ax->limited && told * change > 0.0 && fabs(velocity) > least ? velocity : 0.0;
+}
+
+/* A drive that follows again at speed: the command goes on from the target that it follows, with the
+ * motor's velocity, and comes to rest by the axis' limits. To begin at rest would be a step. */
+static void catch_motion(sj_kernel *kernel, int32_t i)
+{
+    sj_axis *ax = &kernel->axis[i];
+    sj_state now = {(double)ax->target_counts / ax->config.counts_per_unit,
+                    ax->turning / ax->config.counts_per_unit, 0.0};
+
+    if (now.velocity == 0.0 || axis_moving(ax))
+        return;
+    sj_interpolator_start(&ax->interpolator, &now);
+    ax->before[0] = ax->interpolator.q; /* as if it had come that way */
+    ax->before[1] = exact_subtract(ax->interpolator.q, ax->interpolator.v);
+    sj_stop_alone(ax);
+    if (ax->state == SJ_AXIS_STANDSTILL)
+        sj_events_trigger(kernel, i, SJ_TRIGGER_MOVE);
 }
 
 /* Until a reset, as after any fault; those that home with it stop whatever the reaction is. */
@@ -92,11 +125,14 @@ static void observe(sj_kernel *kernel, int32_t i)
     const sj_drive_tx *tx = &kernel->tx[i];
     uint32_t change = (uint32_t)tx->position_actual - (uint32_t)ax->actual_counts;
     int32_t followed = ax->following, stale = ax->config.external && kernel->stale[i];
-    int32_t fault = sj_master_fault(tx->statusword) || stale;
+    int32_t fault = sj_master_fault(tx->statusword) || stale, homed = ax->homed;
 
     ax->actual_counts += (int32_t)change;
     observe_switches(kernel, i);
     ax->following = follows(ax, tx, stale);
+    if (!ax->following)
+        ax->limited = sj_master_limited(tx->statusword);
+    ax->turning = followed && ax->following ? 0.0 : turning(kernel, i, (int32_t)change);
     ax->drive_stop |= stale && sj_master_enabled(tx->statusword); /* it may still hear us */
     if (!ax->following) {
         if (followed && !ax->homing) /* what waits behind a homing waits on */
@@ -126,6 +162,8 @@ static void observe(sj_kernel *kernel, int32_t i)
         sj_events_trigger(kernel, i, SJ_TRIGGER_RESET);
     if (ax->following && ax->state == SJ_AXIS_DISABLED)
         sj_events_trigger(kernel, i, SJ_TRIGGER_POWER_ON);
+    if (ax->following && !followed && !homed)
+        catch_motion(kernel, i);
     if (!ax->following && !(ax->state == SJ_AXIS_HOMING && sj_master_enabled(tx->statusword))) {
         sj_events_trigger(kernel, i, SJ_TRIGGER_POWER_OFF);
         ax->homing = ax->homed = 0; /* else it would begin anew with its power */

@@ -160,8 +160,8 @@ int32_t sj_path_offer(sj_kernel *kernel, sj_waiting *waiting)
 void sj_path_hand_over(sj_kernel *kernel, int32_t axis)
 {
     const sj_path *path = &kernel->path;
-    if ((path->axes & axis_bit(axis)) == 0)
-        return;
+    if ((path->axes & axis_bit(axis)) == 0 || !kernel->axis[axis].following)
+        return; /* one that does not follow is where its drive is */
     for (int32_t k = 0; k < path->count; k++)
         if (path->axis[k] == axis) {
             const sj_track_limits *kept = &path->player.track.limits[k];

@@ -46,6 +46,7 @@ typedef struct {
     double torque_left;    /* 60B2h, what rounding has left of it */
     int64_t actual_counts; /* 6064h unwrapped */
     int64_t target_counts; /* sent last */
+    double turning;        /* increments per cycle of a motor that does not follow */
     int64_t least_cycles;
     uint64_t goal_id, goal_axes; /* goal_axes: bit n = axis n */
     int32_t synchronization;
@@ -63,6 +64,7 @@ typedef struct {
     int32_t unfollowed;     /* cycles in which an enabled drive has not followed */
     int32_t drive_stop;     /* 1: the drive's own quick stop; the planner could not */
     uint32_t switches;      /* 60FDh bits 0, 1: the limit switches that are closed */
+    int32_t limited;        /* a limit of the drive kept it from following last */
     uint32_t halts, quick_stops, resets, limit_sets;
 } sj_axis;
 

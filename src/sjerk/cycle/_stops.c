@@ -83,6 +83,20 @@ void sj_stop_together(sj_kernel *kernel, const int32_t *axes, int32_t n)
         load_stop(&kernel->axis[axes[i]], &kernel->plan[i]);
 }
 
+void sj_stop_alone(sj_axis *ax)
+{
+    sj_limits limits;
+    sj_plan plan;
+    continuous at = axis_commanded(ax);
+
+    sj_axis_ceiling(ax);
+    limits = sj_axis_kept(ax, &at, &ax->config.limits);
+    if (plan_stop(ax, &limits, &plan) != SJ_PLAN_OK)
+        ax->drive_stop = 1;
+    else
+        load_stop(ax, &plan);
+}
+
 void sj_stop_halt(sj_kernel *kernel, uint64_t set)
 {
     for (int32_t i = 0; i < kernel->axes; i++) {

@@ -56,6 +56,8 @@ int32_t sj_master_bridging(const sj_drive_tx *tx)
            (tx->mode_display == SJ_MODE_CSP || tx->mode_display == SJ_MODE_NONE);
 }
 
+int32_t sj_master_limited(uint16_t statusword) { return (statusword & SJ_SW_LIMIT) != 0; }
+
 int32_t sj_master_stopping(uint16_t statusword) { return is_in(statusword, SJ_STATE_QUICK_STOP); }
 
 /* A master that does not map 6061h reads a zero: then the statusword has to do. */

@@ -165,6 +165,7 @@ int32_t sj_master_enabled(uint16_t statusword);            /* OPERATION ENABLED 
 int32_t sj_master_fault(uint16_t statusword);              /* FAULT or its reaction */
 int32_t sj_master_lost(uint16_t error_code);               /* 603Fh: link or SYNC lost */
 int32_t sj_master_stopping(uint16_t statusword);           /* QUICK STOP ACTIVE */
+int32_t sj_master_limited(uint16_t statusword);            /* bit 11 */
 int32_t sj_master_follows_position(const sj_drive_tx *tx); /* enabled and following, bit 12; CSP */
 int32_t
 sj_master_bridging(const sj_drive_tx *tx); /* CSP, enabled; no limit keeps it from following */

@@ -14,12 +14,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Self
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from sjerk.errors import InputError, SjerkError, positive
 from sjerk.host import Host, Path, PathState
 from sjerk.host.arguments import joint_axes
-from sjerk.profile import Limits
+from sjerk.profile import FloatArray, Limits
+from sjerk.trajectory.known import row_of
 from sjerk.trajectory.segments import Followed
 from sjerk.trajectory.stream_report import StreamReport
 from sjerk.trajectory.streaming import SMOOTHING, GoalStream
@@ -33,6 +35,7 @@ class StreamPlayer:
     process a thread feeds it; in a caller's own loop ``update`` must be called every few cycles.
     Where it is held up the motion follows its plan, which ends at rest, and is planned on from
     where it is then. Time is the clock's: cycles that the kernel leaves out are a lag, and made up.
+    Of axes that wrap the first goal chooses the turn: the one that is nearest.
     """
 
     def __init__(
@@ -44,6 +47,8 @@ class StreamPlayer:
         ahead: float = 0.05,
         stop_within: bool = False,
         smoothing: float = SMOOTHING,
+        exact: bool = False,
+        tolerance: ArrayLike | None = None,
         axes: Sequence[int] | None = None,
     ) -> None:
         """Raises InputError."""
@@ -51,23 +56,28 @@ class StreamPlayer:
         self._axes = joint_axes(axes, host.axis_count)
         frame = host.feedback()
         self._limits: list[Limits] = [frame.axes[i].limits for i in self._axes]
+        self._start = np.array([frame.axes[i].position for i in self._axes])
+        self._turn = np.array([frame.axes[i].wrap for i in self._axes])
+        self._shift: FloatArray | None = None  # whole turns, once a goal has come
         self._stream = GoalStream(
             self._limits,
             self._T,
-            [frame.axes[i].position for i in self._axes],
+            self._start,
             period=period,
             delay=delay,
             margin=2.0 * positive("ahead", ahead),
             stop_within=stop_within,
             smoothing=smoothing,
+            exact=exact,
+            tolerance=tolerance,
         )
         self._ahead = max(2, round(ahead / self._T))
         self._path: Path | None = None
         self._ends: list[int] = []  # stream's cycles at the way-points of the path, from its first
         self._begin = 0  # the stream's cycle at which the path begins
         self._firm = 0  # way-points of the path before the plan to rest
-        self._idle_since = (frame.cycle, 0)
-        self._late = frame.timing.late  # cycles that the kernel has left out
+        self._clock_begin = frame.cycle + frame.timing.late
+        self._told = 0  # cycles by which the stream knows that it is behind the clock
         self._replaced: Path | None = None
         self._lost = False
         self._lock = threading.RLock()
@@ -97,8 +107,16 @@ class StreamPlayer:
     ) -> None:
         """Take a goal, as ``GoalStream.push`` does; raises that, and what ended the motion."""
         self._check()
+        goal = row_of("position", position, len(self._axes))
         with self._lock:
-            self._stream.push(position, time, velocity=velocity)
+            shift = self._shift
+            if shift is None:
+                wraps = self._turn > 0.0
+                turns = np.zeros(len(goal))
+                np.divide(self._start - goal, self._turn, out=turns, where=wraps)
+                shift = np.round(turns) * self._turn
+            self._stream.push(goal + shift, time, velocity=velocity)
+            self._shift = shift
 
     def end(self) -> None:
         """No goal comes any more: the motion ends at rest on the last one."""
@@ -144,18 +162,20 @@ class StreamPlayer:
         """Look once: plan and send what is due. Raises what ended the motion."""
         with self._lock:
             frame = self._host.feedback()
-            cycle, late = frame.cycle, frame.timing.late
-            if late != self._late:
-                self._stream.skipped(late - self._late)
-                self._late = late
+            # the kernel's clock: cycles that it left out are time too
+            now = frame.cycle + frame.timing.late - self._clock_begin - self._told
+            if self._path is not None and not self._lost:
+                behind = now - self._played()
+                if behind > 0:
+                    self._stream.skipped(behind)
+                    self._told += behind
             if self._path is not None and self._path.state is PathState.REFUSED and self._replaced:
                 self._lose()
             if self._lost:
                 if any(frame.axes[i].moving for i in self._axes):
                     return
                 self._lost, self._path = False, None
-                self._stream.rested([frame.axes[i].position for i in self._axes], 0)
-                self._idle_since = (cycle, self._stream.cycle)
+                self._stream.rested([frame.axes[i].position for i in self._axes], now)
                 return
             if self._path is not None and not self._host.clocked:
                 self._path.pump()
@@ -164,9 +184,8 @@ class StreamPlayer:
                     self._path.check()
                 self._stream.keep(self._begin + self._ends[-1])
                 self._path = None
-                self._idle_since = (cycle, self._stream.cycle)
             if self._path is None:
-                self._from_rest(cycle)
+                self._from_rest(now)
                 return
             if self._played() + self._ahead >= self._begin + self._ends[self._firm - 1]:
                 self._go_on()
@@ -180,9 +199,7 @@ class StreamPlayer:
         before = self._ends[progress.point - 2] if progress.point > 1 else 0
         return self._begin + before + round(progress.time / self._T)
 
-    def _from_rest(self, cycle: int) -> None:
-        since, at = self._idle_since
-        now = at + cycle - since
+    def _from_rest(self, now: int) -> None:
         if now > self._stream.cycle:
             made = self._stream.take(now)
             if not any(self._moves(block) for block in made):

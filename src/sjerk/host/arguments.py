@@ -111,7 +111,9 @@ def lower_limits(
         above = exceeded(asked, own[i])
         if above is not None:
             name, value, most = above
-            raise InputError(f"limits.{name}", value, f"axis {i} has {most!r}")
+            raise InputError(
+                f"limits.{name}", value, f"must be at most {most!r}, the limit of axis {i}"
+            )
         found[i] = asked
     return found
 

@@ -64,8 +64,10 @@ class Axis:
             raise InputError("stop_limits", self.stop_limits, "must be a Limits")
         if not isinstance(self.drive, DriveConfig) and self.drive not in ("external", "ideal"):
             raise InputError("drive", self.drive, "must be a DriveConfig, 'ideal' or 'external'")
-        if not isinstance(self.unit, str) or len(self.unit.encode()) > 15:
+        if not isinstance(self.unit, str) or len(self.unit.encode("utf-8", "replace")) > 15:
             raise InputError("unit", self.unit, "must be a text of at most 15 bytes")
+        if not self.unit.isprintable():
+            raise InputError("unit", self.unit, "must be printable, in one line")
         if not isinstance(self.name, str) or not self.name.isprintable():
             raise InputError("name", self.name, "must be a printable text")
         if len(self.name.encode()) > NAME_BYTES:

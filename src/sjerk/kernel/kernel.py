@@ -97,6 +97,9 @@ class MotionKernel:
             raise InputError("cycle_time", cycle_time, "must lie in 25e-6 .. 0.1 s")
         if name is not None and (not isinstance(name, str) or not name):
             raise InputError("name", name, "must be a text that is not empty")
+        for field, given, kind in (("clock", clock, Clock), ("reactions", reactions, Reactions)):
+            if given is not None and not isinstance(given, kind):
+                raise InputError(field, given, f"must be a {kind.__name__}")
         self._name = name or f"kernel-{os.getpid()}-{next(_numbers)}"
         self._group = group_number(group)
         self.clock = clock or Clock()

@@ -18,6 +18,8 @@ from sjerk.profile import CYCLES_MAX, FloatArray, Limits, State
 
 #: How the axes of a motion share it; see ``plan``.
 Synchronization = Literal["time", "phase", "none"]
+#: How a motion cruises; see ``plan``.
+Cruise = Literal["fast", "exact"]
 #: The ``enum sj_synchronization`` of each name.
 CODES: dict[str, int] = {
     "none": lib.SJ_SYNC_NONE,
@@ -82,6 +84,19 @@ def code_of(synchronization: str) -> int:
     return int(CODES[synchronization])
 
 
+def exact_of(cruise: str, least: int) -> int:
+    """What an exact cruise adds to the ``enum sj_synchronization``; raises ``InputError``.
+
+    >>> exact_of("fast", 100)
+    0
+    """
+    if not isinstance(cruise, str) or cruise not in ("fast", "exact"):
+        raise InputError("cruise", cruise, "must be 'fast' or 'exact'")
+    if cruise == "exact" and least:
+        raise InputError("min_duration", least, "must be 0 cycles for an exact cruise")
+    return int(lib.SJ_SYNC_EXACT) if cruise == "exact" else 0
+
+
 def cycles_of(min_duration: float, cycle_time: float) -> int:
     """The least number of whole cycles that last ``min_duration`` seconds; raises ``InputError``.
 
@@ -110,7 +125,8 @@ def check_target(name: str, target: State, limits: Limits) -> None:
     if limits.position is not None and not (
         limits.position[0] <= target.position <= limits.position[1]
     ):
-        raise InputError(f"{name}.position", target.position, f"must lie in {limits.position}")
+        low, high = limits.position
+        raise InputError(f"{name}.position", target.position, f"must lie in {low!r} .. {high!r}")
 
 
 def check_range(end: FloatArray, limits: Limits, rows: slice) -> None:
@@ -121,7 +137,8 @@ def check_range(end: FloatArray, limits: Limits, rows: slice) -> None:
     outside = (end[rows, 0] < low) | (end[rows, 0] > high)
     if outside.any():
         row = (rows.start or 0) + int(np.argmax(outside))
-        raise InputError(f"target[{row}].position", end[row, 0], f"must lie in {limits.position}")
+        where = f"target[{row}].position"
+        raise InputError(where, float(end[row, 0]), f"must lie in {low!r} .. {high!r}")
 
 
 def limit_rows(limits: NDArray[Any]) -> FloatArray:
@@ -171,7 +188,7 @@ def _numbers(name: str, value: Any) -> FloatArray:
     except ValueError:
         rows = np.asarray(None)
     if rows.dtype.kind not in "fiu":
-        raise InputError(name, value, "must be an array of real numbers")
+        raise InputError(name, value, "must be an array of real numbers, a row for each move")
     return np.ascontiguousarray(rows, dtype=np.float64)
 
 
@@ -183,4 +200,7 @@ def fail(status: int, field: str, value: Any, limits: Any) -> NoReturn:
         if isinstance(value, State):
             check_target(field, value, limits)
         raise InputError(field, value, f"cannot be planned under {limits}")
+    if status == lib.SJ_PLAN_NO_CRUISE:
+        why = f"{limits} leaves no cycle of it to {field} {value}, alone or in phase"
+        raise InputError("cruise", "exact", why)
     raise PlanError(f"no common length was found for {value!r} under {limits}")

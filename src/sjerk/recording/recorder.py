@@ -53,6 +53,10 @@ class Recorder:
 
         Raises InputError, HandshakeError where no such kernel runs.
         """
+        if not isinstance(kernel, MotionKernel | str):
+            raise InputError("kernel", kernel, "must be a MotionKernel or the name of one")
+        if path is not None and not isinstance(path, Path | str):
+            raise InputError("path", path, "must be a path or None")
         self._period = positive("period", period)
         self._kernel = kernel if isinstance(kernel, MotionKernel) and not kernel.alive else None
         self.cycles = 0

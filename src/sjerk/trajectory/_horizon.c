@@ -21,8 +21,10 @@
 
 static const double RIDGE = 1e-9; /* weight of the distance to the given plan */
 static const double ROOM = 1e-11, KEPT = 1e-9;
-static const double STILL = 1e-8; /* a smaller difference has no direction */
+static const double TAKEN = 2e-10; /* of a row's largest entry, which is at most 3 */
+static const double STILL = 1e-8;  /* a smaller difference has no direction */
 static const double TOLERANCE = 1e-9;
+static const double NEAR = 4.0; /* knots ahead in which a bound on deviations holds */
 static const double bezier[3][3] = {
     {1 / 6.0, 4 / 6.0, 1 / 6.0}, {0, 2 / 3.0, 1 / 3.0}, {0, 1 / 3.0, 2 / 3.0}};
 static const double binomial[4][4] = {{1, 0, 0, 0}, {-1, 1, 0, 0}, {1, -2, 1, 0}, {-1, 3, -3, 1}};
@@ -31,6 +33,7 @@ static const double binomial[4][4] = {{1, 0, 0, 0}, {-1, 1, 0, 0}, {1, -2, 1, 0}
 typedef struct {
     const sj_horizon *h;
     int32_t first, count, block; /* variables of a knot: count, and the progress */
+    int32_t again;               /* 1: the hessian stands, it is that of the joint before */
     double fixed;                /* by how much what is given breaks a bound */
     sj_qp qp;
     double *hessian, *gradient, *value, *lower, *upper, *x, *own, *work;
@@ -39,16 +42,16 @@ typedef struct {
 
 static int64_t rows_of(int32_t joints, int32_t knots)
 {
-    return ((int64_t)joints * 7 + 2) * (knots + 2);
+    return ((int64_t)joints * 9 + 2) * (knots + 2);
 }
 
 int64_t sj_horizon_doubles(int32_t joints, int32_t knots)
 {
     int64_t n = (int64_t)(joints + 1) * knots, m = rows_of(joints, knots), band = 4 * (joints + 1);
-    return n * (band + 1) + 3 * n + 6 * m + sj_qp_doubles((int32_t)n, (int32_t)m, (int32_t)band);
+    return n * (band + 1) + 3 * n + 8 * m + sj_qp_doubles((int32_t)n, (int32_t)m, (int32_t)band);
 }
 
-int64_t sj_horizon_ints(int32_t joints, int32_t knots) { return 5 * rows_of(joints, knots) + 1; }
+int64_t sj_horizon_ints(int32_t joints, int32_t knots) { return 7 * rows_of(joints, knots) + 1; }
 
 /* Variable of control point i = 0 .. knots + 4 of a joint, the first three and `ends` given: -1. */
 static int32_t variable_of(const problem *p, int32_t joint, int32_t i)
@@ -101,36 +104,43 @@ static void add_square(problem *p, const int32_t *variable, const double *coeffi
         if (i < 0)
             continue;
         p->gradient[i] += weight * coefficient[a] * rest;
-        for (int32_t b = 0; b < count; b++)
+        for (int32_t b = 0; b < count && !p->again; b++)
             if (variable[b] >= 0 && variable[b] <= i)
                 p->hessian[(int64_t)i * wide + p->qp.band + variable[b] - i] +=
                     weight * coefficient[a] * coefficient[b];
     }
 }
 
-/* A row of the constraints over control points i .. i + 3 of a joint; bounds take what is given in.
- * What the plan does is allowed, so that it stays an answer. */
-static void add_row(problem *p, int32_t joint, int32_t i, const double *coefficient, int32_t count,
-                    double lower, double upper)
+/* A row of the constraints: lower <= sum of coefficient x + rest <= upper. What the plan does is
+ * allowed, so that it stays an answer. A variable < 0 is none. */
+static void add_bound(problem *p, int32_t *variable, double *coefficient, int32_t count,
+                      double rest, double lower, double upper)
 {
     const sj_horizon *h = p->h;
-    int32_t row = p->qp.rows, entries = p->start[row];
-    double rest = 0.0, now = 0.0;
+    int32_t row = p->qp.rows, begin = p->start[row], entries = begin;
+    double now = 0.0;
+    for (int32_t a = 1; a < count; a++) /* columns ascend */
+        for (int32_t b = a; b > 0 && variable[b - 1] > variable[b]; b--) {
+            int32_t v = variable[b];
+            double c = coefficient[b];
+            variable[b] = variable[b - 1];
+            coefficient[b] = coefficient[b - 1];
+            variable[b - 1] = v;
+            coefficient[b - 1] = c;
+        }
     for (int32_t a = 0; a < count; a++) {
-        int32_t v = variable_of(p, joint, i + a);
+        int32_t v = variable[a];
         if (v < 0)
-            rest += coefficient[a] * given(h, joint, i + a);
+            continue;
+        now += coefficient[a] * p->x[v];
+        if (entries > begin && p->column[entries - 1] == v)
+            p->value[entries - 1] += coefficient[a];
         else {
-            now += coefficient[a] * p->x[v];
-            if (entries > p->start[row] && p->column[entries - 1] == v)
-                p->value[entries - 1] += coefficient[a];
-            else {
-                p->column[entries] = v;
-                p->value[entries++] = coefficient[a];
-            }
+            p->column[entries] = v;
+            p->value[entries++] = coefficient[a];
         }
     }
-    if (entries == p->start[row]) { /* nothing to choose: only possible where a short plan ends */
+    if (entries == begin) { /* nothing to choose: only possible where a short plan ends */
         if (h->ends)
             p->fixed = fmax(p->fixed, fmax(rest - upper, lower - rest));
         return;
@@ -142,6 +152,20 @@ static void add_row(problem *p, int32_t joint, int32_t i, const double *coeffici
         p->upper[row] = fmax(p->upper[row], now);
     }
     p->start[++p->qp.rows] = entries;
+}
+
+/* The same over control points i .. i + count - 1 of a joint. */
+static void add_row(problem *p, int32_t joint, int32_t i, const double *coefficient, int32_t count,
+                    double lower, double upper)
+{
+    int32_t variable[4];
+    double own[4], rest = 0.0;
+    for (int32_t a = 0; a < count; a++) {
+        own[a] = coefficient[a];
+        if ((variable[a] = variable_of(p, joint, i + a)) < 0)
+            rest += own[a] * given(p->h, joint, i + a);
+    }
+    add_bound(p, variable, own, count, rest, lower, upper);
 }
 
 /* Whether all first differences have one sign and neither given control points nor the plan's are
@@ -210,33 +234,64 @@ static void add_exact(problem *p, int32_t joint)
     }
 }
 
+/* A sample less the goal due then: sum of coefficient x + rest, and how many variables. */
+static int32_t off_goal(const problem *p, int32_t joint, int32_t g, int32_t variable[6],
+                        double coefficient[6], double *rest)
+{
+    const sj_horizon *h = p->h;
+    double x, slope = h->slope[g * h->joints + joint];
+    int32_t k = segment_of(h, h->moment[g], &x), count = 4;
+    *rest = -h->goal[g * h->joints + joint];
+    basis_of(x, h->bend, coefficient);
+    for (int32_t a = 0; a < 4; a++)
+        if ((variable[a] = variable_of(p, joint, k + a)) < 0)
+            *rest += coefficient[a] * given(h, joint, k + a);
+    if (h->paced && k <= h->knots) /* progress of knots k and k + 1, the present one's given */
+        for (int32_t a = 0; a < 2; a++)
+            if (k + a >= 1 && k + a <= h->knots) {
+                variable[count] = (k + a - 1) * p->block + p->count;
+                coefficient[count++] = -slope * (a ? x : 1.0 - x);
+            }
+    return count;
+}
+
+/* The velocity less the goal's, which is as slow as the progress is. */
+static int32_t off_speed(const problem *p, int32_t joint, int32_t g, int32_t variable[6],
+                         double coefficient[6], double *rest)
+{
+    const sj_horizon *h = p->h;
+    double x, speed = h->speed[g * h->joints + joint], pace = 1.0;
+    int32_t k = segment_of(h, h->moment[g], &x), count = 4;
+    slope_of(x, coefficient);
+    if (h->paced && k < h->knots) {
+        pace = h->progress[k] - (k ? h->progress[k - 1] : h->progress_before);
+        variable[count] = k * p->block + p->count;
+        coefficient[count++] = -speed;
+        if (k) {
+            variable[count] = (k - 1) * p->block + p->count;
+            coefficient[count++] = speed;
+        }
+    }
+    *rest = -speed * pace;
+    for (int32_t a = 0; a < 4; a++)
+        if ((variable[a] = variable_of(p, joint, k + a)) < 0)
+            *rest += coefficient[a] * given(h, joint, k + a);
+    return count;
+}
+
 static void add_joint(problem *p, int32_t joint)
 {
     const sj_horizon *h = p->h;
     int32_t variable[6];
-    double basis[6], x;
+    double basis[6];
     for (int32_t g = 0; g < h->goals; g++) {
-        int32_t k = segment_of(h, h->moment[g], &x), count = 4;
-        double rest = -h->goal[g * h->joints + joint], slope = h->slope[g * h->joints + joint];
-        basis_of(x, h->bend, basis);
-        for (int32_t a = 0; a < 4; a++)
-            if ((variable[a] = variable_of(p, joint, k + a)) < 0)
-                rest += basis[a] * given(h, joint, k + a);
-        if (h->paced && k <= h->knots) /* progress of knots k and k + 1, the present one's given */
-            for (int32_t a = 0; a < 2; a++)
-                if (k + a >= 1 && k + a <= h->knots) {
-                    variable[count] = (k + a - 1) * p->block + p->count;
-                    basis[count++] = -slope * (a ? x : 1.0 - x);
-                }
+        double rest;
+        int32_t count = off_goal(p, joint, g, variable, basis, &rest);
         add_square(p, variable, basis, count, rest, h->weight[g]);
         if (!h->speed || !h->speed_weight)
             continue;
-        rest = -h->speed[g * h->joints + joint];
-        slope_of(x, basis);
-        for (int32_t a = 0; a < 4; a++)
-            if (variable[a] < 0)
-                rest += basis[a] * given(h, joint, k + a);
-        add_square(p, variable, basis, 4, rest, h->weight[g] * h->speed_weight);
+        count = off_speed(p, joint, g, variable, basis, &rest);
+        add_square(p, variable, basis, count, rest, h->weight[g] * h->speed_weight);
     }
     for (int32_t k = 0; k < h->knots + 2; k++) {
         double rest = 0.0;
@@ -250,6 +305,22 @@ static void add_joint(problem *p, int32_t joint)
         variable[0] = variable_of(p, joint, k + 3);
         add_square(p, variable, &one, 1, -h->end[joint], h->tail[k]);
         add_square(p, variable, &one, 1, -h->plan[joint * h->knots + k], RIDGE);
+    }
+}
+
+/* At most so far from goals, of which at most two between knots are looked at. */
+static void add_tolerance(problem *p, int32_t joint)
+{
+    const sj_horizon *h = p->h;
+    double half = -1.0;
+    for (int32_t g = 0; h->tolerance && g < h->goals && h->moment[g] < NEAR; g++) {
+        int32_t variable[6];
+        double coefficient[6], rest, most = h->tolerance[joint];
+        if (floor(2.0 * h->moment[g]) == half)
+            continue;
+        half = floor(2.0 * h->moment[g]);
+        int32_t count = off_goal(p, joint, g, variable, coefficient, &rest);
+        add_bound(p, variable, coefficient, count, rest, -most, most);
     }
 }
 
@@ -289,10 +360,12 @@ static void share_out(problem *p, double *work, int32_t *ints)
     p->lower = p->own + n;
     p->upper = p->lower + m;
     p->value = p->upper + m;
-    p->work = p->value + 4 * m;
+    p->work = p->value + 6 * m;
     p->start = ints;
     p->column = ints + m + 1;
-    memset(p->hessian, 0, (size_t)(n * (p->qp.band + 1) + n) * sizeof *work);
+    if (!p->again)
+        memset(p->hessian, 0, (size_t)(n * (p->qp.band + 1)) * sizeof *work);
+    memset(p->gradient, 0, (size_t)n * sizeof *work);
 }
 
 static void solve(const sj_horizon *h, int32_t first, int32_t count, double *control,
@@ -300,6 +373,7 @@ static void solve(const sj_horizon *h, int32_t first, int32_t count, double *con
                   sj_qp_result *result)
 {
     problem p = {.h = h, .first = first, .count = count, .block = count + h->paced};
+    p.again = first > 0;
     int32_t n = h->knots - h->ends;
     double part = 1.0;
     p.qp.variables = h->knots * p.block;
@@ -319,10 +393,11 @@ static void solve(const sj_horizon *h, int32_t first, int32_t count, double *con
         add_joint(&p, j);
         add_limits(&p, j);
         add_exact(&p, j);
+        add_tolerance(&p, j);
     }
     if (h->paced)
         add_progress(&p);
-    if (h->ends) /* not in any row: stays where it is */
+    if (h->ends && !p.again) /* not in any row: stays where it is */
         for (int32_t j = 0; j < count; j++)
             p.hessian[(int64_t)(n * p.block + j) * (p.qp.band + 1) + p.qp.band] += 1.0;
     p.qp.hessian = p.hessian;
@@ -334,7 +409,7 @@ static void solve(const sj_horizon *h, int32_t first, int32_t count, double *con
     p.qp.upper = p.upper;
     sj_qp_solve(&p.qp, p.x, p.work, most, 0.0, TOLERANCE, result);
     if (h->fresh)
-        part = result->outside <= KEPT && p.fixed <= KEPT ? 1.0 : 0.0;
+        part = result->outside <= TAKEN && p.fixed <= 3.0 * TAKEN ? 1.0 : 0.0;
     else
         part = sj_qp_toward(&p.qp, p.own, p.x, ROOM);
     for (int32_t k = 0; k < h->knots; k++) {

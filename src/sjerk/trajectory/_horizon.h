@@ -24,14 +24,15 @@ typedef struct {
     const double *goal, *slope;    /* (goals, joints): where, and how it changes with progress */
     const double *speed;           /* (goals, joints): to be had there, per knot; or NULL */
     double speed_weight;
-    const double *tail;     /* (knots,): weight of each control point's distance to `end` */
-    double smooth;          /* weight of squared third differences */
-    double bend;            /* of second differences in a sample: 5/24 / cycles^2 of a knot */
-    double lag;             /* weight of squared lag, in knots */
-    double trust;           /* most change of a progress, in knots */
-    double progress_before; /* of the present knot */
-    const double *progress; /* (knots,): as the plan has it */
-    const double *due;      /* (knots,): of a motion without lag */
+    const double *tolerance; /* (joints,): most distance from goals; or NULL */
+    const double *tail;      /* (knots,): weight of each control point's distance to `end` */
+    double smooth;           /* weight of squared third differences */
+    double bend;             /* of second differences in a sample: 5/24 / cycles^2 of a knot */
+    double lag;              /* weight of squared lag, in knots */
+    double trust;            /* most change of a progress, in knots */
+    double progress_before;  /* of the present knot */
+    const double *progress;  /* (knots,): as the plan has it */
+    const double *due;       /* (knots,): of a motion without lag */
 } sj_horizon;
 
 int64_t sj_horizon_doubles(int32_t joints, int32_t knots);

@@ -30,27 +30,32 @@ typedef struct {
     const sj_qp *qp;
     double scale;          /* of the objective: its largest second derivative becomes 1 */
     double steepest;       /* 1 + largest entry of its gradient */
+    double bounds;         /* how many there are, without equalities */
     double *factor;        /* (n, band + 1) */
     double *column;        /* (band + 1,) of the factorisation */
     double *row_scale;     /* (m,): 1 / largest entry */
     double *slope, *step;  /* (n,) */
     double *at, *move;     /* (m,): A x, A dx */
     double *s, *t, *y, *z; /* (m,) */
+    double *per_s, *per_t; /* (m,): 1 / s, 1 / t */
     double *u, *v;         /* (m,): what s y and t z are to become */
+    double *ds, *dt;       /* (m,): what the step does to slacks */
+    double *dy, *dz;       /* (m,): and to their multipliers */
     double *w;             /* (m,): the diagonal of S */
 } state;
 
 int64_t sj_qp_doubles(int32_t variables, int32_t rows, int32_t band)
 {
     int64_t n = variables, m = rows, b = (int64_t)band + 1;
-    return n * b + b + 2 * n + 10 * m;
+    return n * b + b + 2 * n + 16 * m;
 }
 
 static void share_out(state *q, const sj_qp *qp, double *work)
 {
     size_t n = (size_t)qp->variables, m = (size_t)qp->rows, b = (size_t)qp->band + 1;
-    double **vector[] = {&q->row_scale, &q->at, &q->move, &q->s, &q->t,
-                         &q->y,         &q->z,  &q->u,    &q->v, &q->w};
+    double **vector[] = {&q->row_scale, &q->at, &q->move,  &q->s,    &q->t,  &q->y,
+                         &q->z,         &q->u,  &q->v,     &q->w,    &q->ds, &q->dt,
+                         &q->dy,        &q->dz, &q->per_s, &q->per_t};
     q->qp = qp;
     q->factor = work;
     q->column = work + n * b;
@@ -179,7 +184,8 @@ static double above(const state *q, int32_t r)
     return q->qp->upper[r] * q->row_scale[r] - q->at[r];
 }
 
-/* q->step and q->move: the Newton step; s y and t z are to become u and v. */
+/* The Newton step, s y and t z are to become u and v: q->step, q->move, and what it does to slacks and
+ * their multipliers. */
 static void newton(state *q)
 {
     const sj_qp *qp = q->qp;
@@ -191,54 +197,43 @@ static void newton(state *q)
             push = -below(q, r) / DELTA;
         else {
             if (has_lower(qp, r))
-                push += (q->u[r] - q->y[r] * below(q, r)) / q->s[r];
+                push += (q->u[r] - q->y[r] * below(q, r)) * q->per_s[r];
             if (has_upper(qp, r))
-                push -= (q->v[r] - q->z[r] * above(q, r)) / q->t[r];
+                push -= (q->v[r] - q->z[r] * above(q, r)) * q->per_t[r];
         }
         add_row(qp, r, push * q->row_scale[r], q->step);
     }
     substitute(q, q->step);
-    for (int32_t r = 0; r < qp->rows; r++)
+    for (int32_t r = 0; r < qp->rows; r++) {
         q->move[r] = row_times(qp, r, q->step) * q->row_scale[r];
-}
-
-/* What the step does to a slack and its multiplier; `left` is the distance to the bound after it. */
-typedef struct {
-    double slack, multiplier;
-} change;
-
-static change lower_change(const state *q, int32_t r)
-{
-    double ds = below(q, r) + q->move[r] - q->s[r];
-    return (change){ds, (q->u[r] - q->y[r] * ds) / q->s[r] - q->y[r]};
-}
-
-static change upper_change(const state *q, int32_t r)
-{
-    double dt = above(q, r) - q->move[r] - q->t[r];
-    return (change){dt, (q->v[r] - q->z[r] * dt) / q->t[r] - q->z[r]};
+        q->ds[r] = q->dy[r] = q->dt[r] = q->dz[r] = 0.0;
+        if (is_equality(qp, r))
+            continue;
+        if (has_lower(qp, r)) {
+            q->ds[r] = below(q, r) + q->move[r] - q->s[r];
+            q->dy[r] = (q->u[r] - q->y[r] * q->ds[r]) * q->per_s[r] - q->y[r];
+        }
+        if (has_upper(qp, r)) {
+            q->dt[r] = above(q, r) - q->move[r] - q->t[r];
+            q->dz[r] = (q->v[r] - q->z[r] * q->dt[r]) * q->per_t[r] - q->z[r];
+        }
+    }
 }
 
 static double shorter(double part, double value, double move)
 {
-    return move < 0.0 && -value / move < part ? -value / move : part;
+    return value + part * move < 0.0 ? -value / move : part;
 }
 
-/* The largest part of the step that leaves slacks and multipliers positive. */
+/* The largest part of the step that leaves slacks and multipliers positive. A bound that is none has
+ * slack 1, multiplier 0, and no step. */
 static double reach(const state *q)
 {
     double part = 1.0;
     for (int32_t r = 0; r < q->qp->rows; r++) {
-        if (is_equality(q->qp, r))
-            continue;
-        if (has_lower(q->qp, r)) {
-            change d = lower_change(q, r);
-            part = shorter(shorter(part, q->s[r], d.slack), q->y[r], d.multiplier);
-        }
-        if (has_upper(q->qp, r)) {
-            change d = upper_change(q, r);
-            part = shorter(shorter(part, q->t[r], d.slack), q->z[r], d.multiplier);
-        }
+        part = shorter(shorter(part, q->s[r], q->ds[r]), q->t[r], q->dt[r]);
+        if (!is_equality(q->qp, r))
+            part = shorter(shorter(part, q->y[r], q->dy[r]), q->z[r], q->dz[r]);
     }
     return part;
 }
@@ -246,41 +241,20 @@ static double reach(const state *q)
 /* Mean product of slack and multiplier after so much of the step; 0 without inequalities. */
 static double mean_gap(const state *q, double part)
 {
-    double sum = 0.0, count = 0.0;
-    for (int32_t r = 0; r < q->qp->rows; r++) {
-        if (is_equality(q->qp, r))
-            continue;
-        if (has_lower(q->qp, r)) {
-            change d = lower_change(q, r);
-            sum += (q->s[r] + part * d.slack) * (q->y[r] + part * d.multiplier);
-            count += 1.0;
-        }
-        if (has_upper(q->qp, r)) {
-            change d = upper_change(q, r);
-            sum += (q->t[r] + part * d.slack) * (q->z[r] + part * d.multiplier);
-            count += 1.0;
-        }
-    }
-    return count > 0.0 ? sum / count : 0.0;
+    double sum = 0.0;
+    for (int32_t r = 0; r < q->qp->rows; r++)
+        if (!is_equality(q->qp, r))
+            sum += (q->s[r] + part * q->ds[r]) * (q->y[r] + part * q->dy[r]) +
+                   (q->t[r] + part * q->dt[r]) * (q->z[r] + part * q->dz[r]);
+    return q->bounds > 0.0 ? sum / q->bounds : 0.0;
 }
 
 /* The corrector's aim: s y = centre, less what the predictor's step left out. */
 static void aim(state *q, double centre)
 {
     for (int32_t r = 0; r < q->qp->rows; r++) {
-        if (is_equality(q->qp, r))
-            continue;
-        double lower = centre, upper = centre;
-        if (has_lower(q->qp, r)) {
-            change d = lower_change(q, r);
-            lower -= d.slack * d.multiplier;
-        }
-        if (has_upper(q->qp, r)) {
-            change d = upper_change(q, r);
-            upper -= d.slack * d.multiplier;
-        }
-        q->u[r] = lower;
-        q->v[r] = upper;
+        q->u[r] = centre - q->ds[r] * q->dy[r];
+        q->v[r] = centre - q->dt[r] * q->dz[r];
     }
 }
 
@@ -288,20 +262,12 @@ static void go(state *q, double *x, double part)
 {
     const sj_qp *qp = q->qp;
     for (int32_t r = 0; r < qp->rows; r++) {
-        if (is_equality(qp, r)) {
+        q->s[r] += part * q->ds[r];
+        q->t[r] += part * q->dt[r];
+        q->y[r] += part * q->dy[r];
+        q->z[r] += part * q->dz[r];
+        if (is_equality(qp, r))
             q->y[r] -= part * (below(q, r) + q->move[r]) / DELTA;
-            continue;
-        }
-        if (has_lower(qp, r)) {
-            change d = lower_change(q, r);
-            q->s[r] += part * d.slack;
-            q->y[r] += part * d.multiplier;
-        }
-        if (has_upper(qp, r)) {
-            change d = upper_change(q, r);
-            q->t[r] += part * d.slack;
-            q->z[r] += part * d.multiplier;
-        }
     }
     for (int32_t i = 0; i < qp->variables; i++)
         x[i] += part * q->step[i];
@@ -316,11 +282,14 @@ static double largest(const double *x, int32_t n)
     return most;
 }
 
+/* As fmax, which is a call where compilers may not assume that there is no NaN. */
+static double greater(double x, double y) { return x < y ? y : x; }
+
 /* A x, slope and weights at x; how far it is from an optimum. */
 static void look(state *q, const double *x, sj_qp_result *result)
 {
     const sj_qp *qp = q->qp;
-    double outside = 0.0, gap = 0.0, count = 0.0;
+    double outside = 0.0, gap = 0.0;
     gradient_at(q, x, q->slope);
     q->steepest = 1.0 + largest(q->slope, qp->variables);
     for (int32_t r = 0; r < qp->rows; r++) {
@@ -329,28 +298,28 @@ static void look(state *q, const double *x, sj_qp_result *result)
         if (is_equality(qp, r)) {
             weight = 1.0 / DELTA;
             push = q->y[r];
-            outside = fmax(outside, fabs(below(q, r)));
+            outside = greater(outside, fabs(below(q, r)));
         } else {
             if (has_lower(qp, r)) {
-                weight += q->y[r] / q->s[r];
+                q->per_s[r] = 1.0 / q->s[r];
+                weight += q->y[r] * q->per_s[r];
                 push += q->y[r];
                 gap += q->s[r] * q->y[r];
-                count += 1.0;
-                outside = fmax(outside, -below(q, r));
+                outside = greater(outside, -below(q, r));
             }
             if (has_upper(qp, r)) {
-                weight += q->z[r] / q->t[r];
+                q->per_t[r] = 1.0 / q->t[r];
+                weight += q->z[r] * q->per_t[r];
                 push -= q->z[r];
                 gap += q->t[r] * q->z[r];
-                count += 1.0;
-                outside = fmax(outside, -above(q, r));
+                outside = greater(outside, -above(q, r));
             }
         }
         add_row(qp, r, -push * q->row_scale[r], q->slope);
         q->w[r] = weight * q->row_scale[r] * q->row_scale[r];
     }
     result->outside = outside;
-    result->gap = count > 0.0 ? gap / count : 0.0;
+    result->gap = q->bounds > 0.0 ? gap / q->bounds : 0.0;
     result->slope = largest(q->slope, qp->variables);
 }
 
@@ -361,6 +330,7 @@ static void begin(state *q, const double *x, double room)
     for (int32_t i = 0; i < qp->variables; i++)
         most = fmax(most, qp->hessian[(int64_t)i * (qp->band + 1) + qp->band]);
     q->scale = most > 0.0 ? 1.0 / most : 1.0;
+    q->bounds = 0.0;
     for (int32_t r = 0; r < qp->rows; r++) {
         double entry = largest_entry(qp, r);
         q->row_scale[r] = entry > 0.0 ? 1.0 / entry : 1.0;
@@ -372,10 +342,12 @@ static void begin(state *q, const double *x, double room)
         if (has_lower(qp, r)) {
             q->s[r] = fmax(below(q, r), room);
             q->y[r] = room;
+            q->bounds += 1.0;
         }
         if (has_upper(qp, r)) {
             q->t[r] = fmax(above(q, r), room);
             q->z[r] = room;
+            q->bounds += 1.0;
         }
     }
 }
@@ -427,7 +399,8 @@ double sj_qp_toward(const sj_qp *qp, const double *from, const double *to, doubl
     for (int32_t r = 0; r < qp->rows; r++) {
         double here = row_times(qp, r, from), there = row_times(qp, r, to);
         double slack = room * largest_entry(qp, r);
-        double upper = fmax(qp->upper[r] + slack, here), lower = fmin(qp->lower[r] - slack, here);
+        double upper = greater(qp->upper[r] + slack, here);
+        double lower = -greater(slack - qp->lower[r], -here);
         if (there > upper)
             share = fmin(share, (upper - here) / (there - here));
         if (there < lower)

@@ -76,11 +76,18 @@ class Entry:
     def _from_rest(self, left: Trajectory, knot: Knot, ahead: float) -> Entered:
         T = self.cycle_time
         if (np.abs(left.position[0] - knot.position) <= _THERE).all():
-            return self._led(
-                dwell(knot.position, int(ahead / T), T) if ahead >= T else None, left, knot
-            )
+            wait = dwell(knot.position, int(ahead / T), T) if ahead >= T else None
+            if len(left) == 1 or left.time[1] - left.time[0] < 2.0 * T:
+                return self._led(wait, left, knot)
+            there = replace(knot, position=left.position[0])
+            onward = left.take(np.arange(1, len(left)))
+            made = self._in_motion(onward, there, float(left.time[1] - left.time[0]))
+            if wait is None:
+                return Entered(made.blocks, made.points + 1)
+            blocks = itertools.chain([wait], made.blocks)
+            return Entered(blocks, np.concatenate([np.zeros(len(wait), int), made.points + 1]))
         if ahead >= 2.0 * T:
-            return self._splined(left, knot, ahead)
+            return self._in_motion(left, knot, ahead)
         ramp = join(knot, left.position[0], self.limits, T)
         return self._led(ramp, left, Knot.of(ramp))
 

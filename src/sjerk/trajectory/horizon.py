@@ -7,6 +7,8 @@ method. Never here: goals' times, clocks, shared memory.
 
 from __future__ import annotations
 
+import itertools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
@@ -15,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sjerk._binding import ffi, lib
-from sjerk.profile import FloatArray, Limits
+from sjerk.profile import FloatArray, Limits, State
 from sjerk.trajectory.joining import both
-from sjerk.trajectory.segments import PHASES, Followed, Knot
+from sjerk.trajectory.segments import PHASES, Followed, Knot, begin_of, sample_of, through
 
 #: Weight of squared differences between a goal's velocity and the plan's, in knots.
 _SPEED = 1.0
@@ -81,7 +83,10 @@ class Plan:
 
 
 class Horizon:
-    """The control points of N joints, ``cycles`` per knot; at rest at ``position`` (N,)."""
+    """The control points of N joints, ``cycles`` per knot; at rest at ``position`` (N,).
+
+    ``tolerance`` (N,): from goals that are near in time, where a plan asks for it.
+    """
 
     def __init__(
         self,
@@ -92,6 +97,7 @@ class Horizon:
         *,
         smoothing: float,
         iterations: int,
+        tolerance: FloatArray | None = None,
     ) -> None:
         self.cycles, self._T = cycles, cycle_time
         self._smoothing, self._most = smoothing, iterations
@@ -105,6 +111,7 @@ class Horizon:
             / self._unit[:, None],
             _BOUNDS,
         )
+        self._tolerance = None if tolerance is None else tolerance / self._unit
         self._size = (0, 0)
         self.rest(position)
 
@@ -116,6 +123,49 @@ class Horizon:
         self.plan = np.zeros((len(position), 1))
         self.progress = np.zeros(1)  # in knots, of the present knot and those ahead
         self.knot = Knot.rest(position)
+        self.lead: list[Followed] = []  # what comes before the first knot
+
+    def move_on(self, states: Sequence[State], limits: Sequence[Limits]) -> None:
+        """Begin anew, in motion: accelerations end first, in `lead`; behind it a plan to rest.
+
+        States may lie outside the limits.
+        """
+        T = self._T
+        q, v, a = (
+            np.array([getattr(state, name) for state in states])
+            for name in ("position", "velocity", "acceleration")
+        )
+        knot = Knot(q, v + a * (T / 2.0), a, np.zeros(len(q)))  # by the half-cycle lemma
+        jerk = np.array([both(limit).jerk for limit in limits])
+        cycles = np.ceil(np.abs(a) / (jerk * T) - 1e-9).astype(np.int64)
+        ramp, at = -a / (np.maximum(cycles, 1) * T), begin_of(knot, T)
+        lead, before = [], 0
+        for until in np.unique(cycles[cycles > 0]).tolist():
+            j = np.where(cycles >= until, ramp, 0.0)
+            n = until - before
+            P, V, A, _ = through(*at, j * T**3, np.array([n]), (j * T**3)[None])
+            at = P, V, np.where(cycles > until, A, 0.0)
+            one = Knot(sample_of(*at, j * T**3), V / T, at[2] / T**2, j)
+            lead.append((knot, n, j, one))
+            knot, before = one, until
+        P, V = at[0].copy(), at[1] / T
+        self.rest(P)
+        h = self.cycles * T
+        self.given = np.column_stack([-V * h, np.zeros(len(q)), V * h])
+        self.plan = self._stop()
+        self.knot = knot
+        self.lead = [self._followed(*piece) for piece in lead]
+
+    def _stop(self) -> FloatArray:
+        """Control points (N, knots) from a motion without acceleration to rest."""
+        step = self.given[:, 2] - self.given[:, 1]
+        for n in itertools.count(1):
+            x = np.arange(1, n + 1) / n
+            share = 1.0 - x**3 * (10.0 - 15.0 * x + 6.0 * x**2)
+            control = self.given[:, 2:] + np.cumsum(step[:, None] * share, axis=1)
+            if self.keeps(control, fast=True):
+                return control
+        raise AssertionError  # a slow one keeps every limit
 
     @property
     def resting(self) -> bool:
@@ -123,6 +173,16 @@ class Horizon:
         return bool(
             (self.given == self.given[:, 2:]).all() and (self.plan == self.given[:, 2:]).all()
         )
+
+    @property
+    def at_ease(self) -> bool:
+        """Whether something other than a knot comes next: see ``follow_on``."""
+        return bool(self.lead) or (self.resting and self.knot.moving)
+
+    @property
+    def rests_at(self) -> FloatArray:
+        """Where the plan ends (N,)."""
+        return self.origin + self.plan[:, -1]
 
     def ahead(self, knots: int) -> FloatArray:
         """Progress (knots + 1,) of the plan before, going on at its pace."""
@@ -139,6 +199,7 @@ class Horizon:
         paced: bool,
         ends: bool = False,
         exact: int = 0,
+        near: bool = False,
         mode: Mode = Mode.HARD,
         plan: FloatArray | None = None,
         most: int | None = None,
@@ -147,7 +208,8 @@ class Horizon:
 
         ``progress`` (knots + 1,); ``paced``: it is chosen too. ``plan``: one that keeps the limits,
         and is not longer; else the one before. With ``ends`` it is a guess. ``exact``: so many
-        goals are met to rounding, in mode HARD. At ``most`` so many iterations.
+        goals are met to rounding, in mode HARD. ``near``: within the tolerance. At ``most`` so
+        many iterations.
         """
         n, joints, goals = knots, len(self.velocity), len(aims.moment)
         unit = self._unit[:, None]
@@ -185,6 +247,8 @@ class Horizon:
         if aims.velocity is not None:
             speed = np.ascontiguousarray(aims.velocity / self._unit)
             c.speed, c.speed_weight = ffi.from_buffer("double[]", speed), _SPEED
+        if self._tolerance is not None and near:
+            c.tolerance = ffi.from_buffer("double[]", self._tolerance)
         c.joints, c.knots, c.goals, c.paced, c.ends, c.fresh = (
             joints,
             n,
@@ -229,6 +293,38 @@ class Horizon:
             result.iterations,
         )
 
+    def move(self, position: FloatArray) -> FloatArray:
+        """Control points (N, knots) from rest to rest at ``position`` (N,), all joints together."""
+        here, there = self.given[:, 2], position - self.origin
+        way = np.abs(there - here) / self._unit
+        V, up, down, J = self._limits.T
+        least = np.maximum(2.19 * way / V, np.sqrt(7.5 * way / np.minimum(up, down)))
+        begin = float(np.maximum(least, np.cbrt(52.5 * way / J)).max())
+        for n in itertools.count(max(1, math.floor(0.8 * begin))):
+            x = np.arange(1, n + 1) / n
+            share = x**4 * (35.0 - 84.0 * x + 70.0 * x**2 - 20.0 * x**3)
+            control = here[:, None] + (there - here)[:, None] * share
+            control[:, -1] = there
+            if self.keeps(control):
+                return control
+        raise AssertionError  # a slow one keeps every limit
+
+    def keeps(self, control: FloatArray, *, fast: bool = False) -> bool:
+        """Whether control points (N, n) behind those handed out, then at rest, keep the limits.
+
+        ``fast``: whatever their velocity.
+        """
+        rest = np.repeat(control[:, -1:], 3, axis=1)
+        row = np.concatenate([self.given, control, rest], axis=1) / self._unit[:, None]
+        first, second, third = (np.diff(row, d, axis=1) for d in (1, 2, 3))
+        V, up, down, J = self._limits.T[:, :, None] * (1.0 + 1e-12)
+        return bool(
+            (fast or (np.abs(first) <= V).all())
+            and (second <= up).all()
+            and (-second <= down).all()
+            and (np.abs(third) <= J).all()
+        )
+
     def hand_out(self, plan: Plan | None) -> Followed:
         """One knot more, of this plan, or of the one before."""
         if plan is not None:
@@ -249,14 +345,21 @@ class Horizon:
         before = self.knot
         self.knot = Knot(position, slope / h, bend / h**2, jerk / h**3)
         self._move_along()
-        return self._followed(before, self.cycles, jerk / h**3)
+        return self._followed(before, self.cycles, jerk / h**3, self.knot)
+
+    def follow_on(self) -> Followed:
+        """What comes next if nothing else is planned; at rest the last sample is settled."""
+        if self.lead:
+            first, *self.lead = self.lead
+            return first
+        return self.settle(1) if self.resting else self.hand_out(None)
 
     def remainder(self, names: tuple[str, ...], first: int, cycle: int) -> list[Followed]:
         """The plan to rest, without handing it out."""
         kept = dict(vars(self))
         found = []
         while not (self.resting and not self.knot.moving):
-            made = self.settle(1) if self.resting else self.hand_out(None)
+            made = self.follow_on()
             found.append(numbered(made, names, first, cycle))
             first, cycle = first + 1, cycle + int(made.cycles[0])
         vars(self).update(kept)
@@ -270,12 +373,11 @@ class Horizon:
         self.knot = Knot.rest(at)
         self.progress = np.zeros(1)
         self.rest(at)
-        return self._followed(before, cycles, np.zeros(len(at)))
+        return self._followed(before, cycles, np.zeros(len(at)), self.knot)
 
-    def _followed(self, before: Knot, cycles: int, jerk: FloatArray) -> Followed:
+    def _followed(self, before: Knot, cycles: int, jerk: FloatArray, knot: Knot) -> Followed:
         jerks = np.zeros((1, PHASES, len(jerk)))
         jerks[0, 0] = jerk
-        knot = self.knot
         return Followed(
             tuple(f"joint{k}" for k in range(len(jerk))),
             self._T,

@@ -98,8 +98,8 @@ class Known:
         self.first = int(np.searchsorted(self.cycle, cycle, side="right"))
 
     def trim(self, cycle: float) -> None:
-        """Keep what is due from ``cycle`` on, and two that are passed."""
-        less = min(int(np.searchsorted(self.cycle, cycle)), self.first - 2)
+        """Keep what is due from ``cycle`` on, and three that are passed."""
+        less = min(int(np.searchsorted(self.cycle, cycle)), self.first - 3)
         if less > 0:
             self._begin += less
             self.first -= less
@@ -225,30 +225,51 @@ def monotone_pieces(way: FloatArray, resolution: float) -> list[tuple[int, int]]
     >>> monotone_pieces(np.array([0.0, 1.0, 0.999, 2.0, 2.0, 0.5]), 0.01)
     [(1, 0), (-1, 4)]
     """
-    pieces: list[tuple[int, int]] = []
-    sign, top, high = 0, 0, float(way[0])
-    for i, x in enumerate(way.tolist()):
-        step = x - high
-        if abs(step) > resolution and sign * step <= 0.0:
-            sign = 1 if step > 0.0 else -1
+    beyond = np.abs(way - way[0]) > resolution
+    top = int(beyond.argmax())
+    if not beyond[top]:
+        return []
+    high = float(way[top])
+    sign = 1 if high > way[0] else -1
+    pieces = [(sign, top - 1)]
+    step = np.sign(np.diff(way))
+    moves = np.flatnonzero(step)
+    at = moves[1:][step[moves[1:]] != step[moves[:-1]]]  # where it turns, by however little
+    for i in [*at[at > top].tolist(), len(way) - 1]:
+        ahead = float(way[i]) - high
+        if abs(ahead) > resolution and sign * ahead <= 0.0:
+            sign = -sign
             pieces.append((sign, top))
-            top, high = i, x
-        elif sign * step >= 0.0:
-            top, high = i, x if sign else high
+            top, high = i, float(way[i])
+        elif sign * ahead >= 0.0:
+            top, high = i, float(way[i])
     return pieces
 
 
 class Turns:
     """Changes of direction per joint: of the goals, and of what was handed out."""
 
-    def __init__(self, start: FloatArray, resolution: FloatArray) -> None:
+    def __init__(self, start: FloatArray, resolution: FloatArray, going: FloatArray) -> None:
+        """From ``start`` (N,), in the directions ``going`` (N,): signs, 0 at rest."""
         self._resolution, self._top = resolution, start.copy()
         self.asked = np.zeros(len(start), dtype=np.int64)
-        self._going = np.zeros(len(start), dtype=np.int64)
+        self._going = going.astype(np.int64)
         self.sign, self.count = self._going.copy(), self.asked.copy()
+        self._new: list[FloatArray] = []
 
     def add(self, goal: FloatArray) -> None:
-        """A goal more."""
+        """A goal more; counted when that is needed."""
+        self._new.append(goal)
+
+    def look(self) -> None:
+        """Count the turns of the goals added."""
+        if len(self._new) > 1 and (np.diff(self._new, axis=0) * self._going > 0.0).all():
+            del self._new[1:-1]  # on and on
+        for goal in self._new:
+            self._count(goal)
+        self._new.clear()
+
+    def _count(self, goal: FloatArray) -> None:
         step = goal - self._top
         on = self._going * step
         if (on > 0.0).all():
@@ -261,10 +282,14 @@ class Turns:
 
     def more(self) -> IntArray:
         """Turns of the motion that the goals do not have (N,)."""
+        self.look()
         return np.asarray(np.maximum(self.count - self.asked, 0))
 
     def kept(self, direction: NDArray[np.int32], steps: FloatArray) -> bool:
         """Whether these steps (N, n) turn no more often than the goals, or than directions do."""
+        if direction.all() and (steps * direction >= 0.0).all():
+            return True  # along all of them
+        self.look()
         _, count = self.see(steps)
         _, asked = self.see(direction.astype(np.float64))
         asked = asked + (direction == 0).all(axis=1)

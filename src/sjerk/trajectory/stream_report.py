@@ -40,7 +40,7 @@ class Ledger:
     """Counts of a stream of N joints."""
 
     def __init__(self, joints: int) -> None:
-        self.goals = self.kept = 0
+        self.goals = 0
         self._passed = self._starved = 0
         self._lag = self._worst = 0.0
         self._starving = False
@@ -63,8 +63,8 @@ class Ledger:
         if self._starving:
             self._beyond = np.maximum(self._beyond, gap)
 
-    def report(self, reversals: IntArray) -> StreamReport:
-        """All of it."""
+    def report(self, reversals: IntArray, kept: int) -> StreamReport:
+        """All of it, with what the planner counts."""
         return StreamReport(
             self.goals,
             self._passed,
@@ -75,5 +75,5 @@ class Ledger:
             self._starving,
             self._beyond.copy(),
             reversals,
-            self.kept,
+            kept,
         )

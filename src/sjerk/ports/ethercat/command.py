@@ -22,7 +22,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from sjerk.drive import DriveConfig, DriveFault
-from sjerk.errors import SjerkError
+from sjerk.errors import InputError, SjerkError
 from sjerk.ports.ethercat.behaviours import BEHAVIOURS
 from sjerk.ports.ethercat.capture import InterfaceCapture
 from sjerk.ports.ethercat.line import Line
@@ -107,17 +107,23 @@ def _tell(number: int, what: str) -> None:
 def _ask(path: Path | None, words: str) -> int:
     """Send a line to the control socket and print the answer."""
     if path is None:
-        print("--fault needs --control SOCKET, the one the line was started with", file=sys.stderr)
+        print(
+            "sjerk: --fault needs --control SOCKET, the one the line was started with",
+            file=sys.stderr,
+        )
         return 2
     own = path.with_name(f"{path.name}.{os.getpid()}")
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as asking:
-        asking.bind(str(own))
         try:
+            asking.bind(str(own))
             asking.settimeout(_ANSWER_S)
             asking.sendto(words.encode(), str(path))
             answer = json.loads(asking.recv(_LONGEST))
+        except (FileNotFoundError, ConnectionError, PermissionError) as fault:
+            why = f"no line of drives listens there ({fault.strerror})"
+            raise InputError("--control", str(path), why) from fault
         finally:
-            own.unlink()
+            own.unlink(missing_ok=True)
     if "error" in answer:
         print(f"sjerk: {answer['error']}", file=sys.stderr)
         return 1
