@@ -39,7 +39,9 @@ def run(options: argparse.Namespace) -> int:
     try:
         node = load(_NODES[options.node], extra="ros2")
     except ExtraMissingError as fault:
-        what = f"{fault.module!r} is not installed: source a ROS 2, or make one (tools/ros2_venv.sh)"
+        what = (
+            f"{fault.module!r} is not installed: source a ROS 2, or make one (tools/ros2_venv.sh)"
+        )
         raise SjerkError(what) from fault
     return int(node.main(arguments(options)))
 

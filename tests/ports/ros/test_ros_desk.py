@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings as profile
+from hypothesis import given
+from hypothesis import settings as profile
 from hypothesis import strategies as st
 
 from sjerk import Axis, Host, Limits, MotionKernel
@@ -146,7 +147,7 @@ def test_closing_tells_the_reason(bench: Bench) -> None:
 
 
 def test_tolerances_are_taken_in_the_units_of_ros(bench: Bench) -> None:
-    """pi rad is 180 degrees: a following error of some degrees is within it; -1 stays -1."""
+    """One of pi rad is 180 degrees: a following error of some degrees is within it; -1 stays -1."""
     rows = [Message(name="shoulder", position=np.pi, velocity=-1.0)]
     way = trajectory(NAMES, [[0.5, 0.0]], [1.0])
     handle = bench.desk.submit(goal(way, path_tolerance=rows))

@@ -31,9 +31,7 @@ def test_rows_are_found_by_name_in_any_order(data: st.DataObject) -> None:
     count = data.draw(st.integers(1, 8))
     names = [f"j{i}" for i in range(count)]
     units = data.draw(st.lists(st.sampled_from(sorted(DEFINED)), min_size=count, max_size=count))
-    values = data.draw(
-        st.lists(st.floats(-1e6, 1e6), min_size=count, max_size=count).map(np.array)
-    )
+    values = data.draw(st.lists(st.floats(-1e6, 1e6), min_size=count, max_size=count).map(np.array))
     others = [f"other{i}" for i in range(data.draw(st.integers(0, 4)))]
     order = data.draw(st.permutations([*names, *others]))
     told = [values[names.index(n)] if n in names else math.nan for n in order]
@@ -139,5 +137,5 @@ def test_one_tolerance_of_joints_with_different_units_is_refused() -> None:
     arm = Joints.of(["a", "b"], ["deg", "mm"])
     values = {p.name: p.default for p in (*CONTROLLER, *constraints(arm.names))}
     assert settings(values, arm).tolerance == 0.0
-    with pytest.raises(InputError, match="tolerance = 0.01: must be 0 where"):
+    with pytest.raises(InputError, match=r"tolerance = 0\.01: must be 0 where"):
         settings(values | {"tolerance": 0.01}, arm)

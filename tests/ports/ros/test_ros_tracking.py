@@ -69,7 +69,7 @@ def test_between_rows_it_is_the_cubic_of_their_positions_and_velocities(
 def test_without_velocities_it_is_straight_between_rows_and_rests_at_the_last(
     drawn: tuple[list[int], list[int], list[int]], share: float
 ) -> None:
-    """numpy's interpolation is the judge."""
+    """The interpolation of numpy is the judge."""
     gaps, p, _ = drawn
     at = np.cumsum(gaps) / 64
     window = Window.of(at, [[x] for x in p])

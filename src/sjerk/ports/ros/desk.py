@@ -11,7 +11,14 @@ from dataclasses import dataclass
 from typing import Any
 
 from sjerk.errors import InputError, SjerkError
-from sjerk.executor import GoalHandle, GoalStatus, ResultCode, Settings, Tolerance, TrajectoryExecutor
+from sjerk.executor import (
+    GoalHandle,
+    GoalStatus,
+    ResultCode,
+    Settings,
+    Tolerance,
+    TrajectoryExecutor,
+)
 from sjerk.executor.goal import OPEN, from_message
 from sjerk.host import Host
 from sjerk.ports.ros.joints import Joints

@@ -42,13 +42,12 @@ class Parameter:
             if not texts or not all(isinstance(one, str) for one in value):
                 raise InputError(self.name, value, "must be a list of str")
             return
-        if type(value) is not wanted:
+        if value.__class__ is not wanted:
             raise InputError(self.name, value, f"must be a {wanted.__name__}")
         if self.choices and value not in self.choices:
             raise InputError(self.name, value, f"must be one of {', '.join(self.choices)}")
-        if self.low is not None and not (
-            math.isfinite(value) and self.low <= value <= self.high
-        ):
+        number: Any = value
+        if self.low is not None and not (math.isfinite(number) and self.low <= number <= self.high):
             raise InputError(self.name, value, f"must lie in {self.low:g} .. {self.high:g}")
 
 

@@ -91,9 +91,7 @@ class ControlNode(Node):  # type: ignore[misc]
         try:
             goal = self._joints.row(message.name, message.position, "position")
             own = len(message.velocity) > 0
-            velocity = (
-                self._joints.row(message.name, message.velocity, "velocity") if own else None
-            )
+            velocity = self._joints.row(message.name, message.velocity, "velocity") if own else None
             getattr(self, f"_{self._mode}")(goal, velocity, sent, now)
         except KernelGoneError:
             raise

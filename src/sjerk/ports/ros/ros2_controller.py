@@ -118,9 +118,7 @@ class TrajectoryController(LifecycleNode):  # type: ignore[misc]
         self._reference = self._own(
             self.create_publisher, JointTrajectoryControllerState, "~/controller_state", 10
         )
-        self._diagnostics = self._own(
-            self.create_publisher, DiagnosticArray, "/diagnostics", 10
-        )
+        self._diagnostics = self._own(self.create_publisher, DiagnosticArray, "/diagnostics", 10)
         self._motion_states = MotionStates(self, self._joints)
         self._own(
             self.create_subscription, JointTrajectory, "~/joint_trajectory", self._on_topic, 10
@@ -446,9 +444,7 @@ class TrajectoryController(LifecycleNode):  # type: ignore[misc]
     def _diagnose(self) -> None:
         assert self._joints is not None
         goals = {"open": len(self._goals), "active": self._desk is not None}
-        self._diagnostics.publish(
-            diagnostics(self, self._host, self._joints, {"goals": goals})
-        )
+        self._diagnostics.publish(diagnostics(self, self._host, self._joints, {"goals": goals}))
 
     # ---- life
 

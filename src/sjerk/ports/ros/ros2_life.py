@@ -140,7 +140,7 @@ def run(make: Callable[[], Any], arguments: Sequence[str] | None) -> int:
     ended: list[int] = []
     executor = SingleThreadedExecutor()
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda n, _: (ended.append(n), executor.wake())[1])
+        signal.signal(number, lambda n, _: ended.append(n))
     code = 0
     node = None
     try:

@@ -24,12 +24,18 @@ class MotionStates:
 
     def __init__(self, node: Node, joints: Joints) -> None:
         """Of this node."""
-        self._joints = joints
-        self._publisher = None
+        self._node, self._joints = node, joints
+        self._publisher: Any = None
         if MotionState is None:
             node.get_logger().info("sjerk_msgs is not installed: no ~/motion_state")
         else:
             self._publisher = node.create_publisher(MotionState, "~/motion_state", 10)
+
+    def destroy(self) -> None:
+        """Publish no more."""
+        if self._publisher is not None:
+            self._node.destroy_publisher(self._publisher)
+            self._publisher = None
 
     def publish(self, frame: Feedback, rows: Rows, stamp: Any) -> None:
         """One frame, all joints in the same cycle."""
@@ -97,7 +103,7 @@ def diagnostics(
     rows.append(_status(node, "kernel", level, host.kernel_state.value, numbers))
     for name, axis in zip(joints.names, frame.axes, strict=True):
         level = DiagnosticStatus.OK if axis.follows else DiagnosticStatus.WARN
-        numbers = {
+        values: dict[str, object] = {
             "drive": axis.drive_state.name,
             "error_code": f"{axis.error_code:04X}h",
             "following_error_increments": axis.following_error,
@@ -108,11 +114,10 @@ def diagnostics(
                 name,
                 DiagnosticStatus.ERROR if axis.fault else level,
                 axis.state.name.lower(),
-                numbers,
+                values,
             )
         )
     rows.extend(
-        _status(node, what, DiagnosticStatus.OK, "", values)
-        for what, values in (more or {}).items()
+        _status(node, what, DiagnosticStatus.OK, "", own) for what, own in (more or {}).items()
     )
     return told

@@ -42,9 +42,7 @@ class Window:
     velocity: FloatArray | None
 
     @classmethod
-    def of(
-        cls, time: ArrayLike, position: ArrayLike, velocity: ArrayLike | None = None
-    ) -> Window:
+    def of(cls, time: ArrayLike, position: ArrayLike, velocity: ArrayLike | None = None) -> Window:
         """Checked; raises InputError."""
         moments = np.asarray(time, dtype=np.float64)
         rows = np.asarray(position, dtype=np.float64)
