@@ -132,7 +132,7 @@ def command_lines() -> Iterator[tuple[str, str]]:
             if not fenced and not line.startswith("    "):
                 continue
             for part in re.split(r"&&|;|&\s*$|&\s+#", line.split("  #")[0].split(" #")[0]):
-                words = part.strip().removeprefix("python -m ").rstrip("& ")
+                words = part.strip().removeprefix("python -m ").split(" > ")[0].rstrip("& ")
                 if words.startswith("sjerk "):
                     yield document.name, words
 
@@ -156,11 +156,11 @@ def test_each_job_of_run_is_told_where_it_is_done() -> None:
     text = (ROOT / "run").read_text()
     jobs = {
         job.strip()
-        for line in re.findall(r"^([a-z][a-z |-]*)\)$", text, re.MULTILINE)
+        for line in re.findall(r"^([a-z][a-z0-9 |-]*)\)$", text, re.MULTILINE)
         for job in line.split("|")
     }
-    told = set(re.findall(r"^#   \./run ([a-z-]+)", text, re.MULTILINE))
+    told = set(re.findall(r"^#   \./run ([a-z0-9-]+)", text, re.MULTILINE))
     assert told == jobs
     for document in DOCUMENTS:
-        for job in re.findall(r"\./run ([a-z-]+)", document.read_text()):
+        for job in re.findall(r"\./run ([a-z0-9-]+)", document.read_text()):
             assert job in jobs, f"{document.name}: ./run {job}"
