@@ -279,7 +279,7 @@ def test_goals_replace_each_other_and_each_is_told(arm: Arm) -> None:
 @pytest.mark.parametrize("service", ["quick_stop", "halt"])
 def test_the_goal_after_a_stop_runs(arm: Arm, service: str) -> None:
     """The stop answers at rest, the goal under way is aborted, the next one is taken at once."""
-    goal = arm.send([[1.0, 0.0, 0.0]], [1.0])
+    goal = arm.send([[1.0, 0.0, 0.0]], [8.0])
     arm.client.spin(0.4)
     assert arm.client.call(Trigger, f"/arm/{service}", Trigger.Request()).success
     with Monitor.attach(kernel_of(arm)) as monitor:
@@ -393,7 +393,7 @@ def test_a_refusal_can_be_told_as_a_result(arm: Arm) -> None:
 
 def test_deactivate_and_activate(arm: Arm) -> None:
     """The goal is told why, later ones are refused, and after activate the next one runs."""
-    goal = arm.send([[1.0, 0.0, 0.0]], [1.0])
+    goal = arm.send([[1.0, 0.0, 0.0]], [8.0])
     arm.client.spin(0.4)
 
     def change(number: int) -> bool:
@@ -427,7 +427,7 @@ def test_a_signal_in_motion_stops_tells_and_ends(
     """SIGINT comes twice, as from a terminal and a launcher."""
     with running(tmp_path, "controller", "--node-name", "hand") as program:
         arm = Arm(client, "hand")
-        goal = arm.send([[1.0, 0.0, 0.0]], [2.0])
+        goal = arm.send([[1.0, 0.0, 0.0]], [8.0])
         result = goal.get_result_async()
         client.spin(0.7)
         program.process.send_signal(number)
@@ -455,12 +455,13 @@ def test_a_killed_node_leaves_the_arm_at_rest(tmp_path: Path, client: Client) ->
                 assert time.monotonic() < deadline
                 time.sleep(0.05)
         words = [sys.executable, "-m", "sjerk", "ros2", "controller", "--kernel", kernel]
-        words += ["--joints", *NAMES, "--node-name", "left"]
+        words += ["--joints", *NAMES]
         with monitor, ExitStack() as nodes:
             for kill in (True, False):
-                node = subprocess.Popen(words)
+                called = "killed" if kill else "next"  # what was killed is known for a while
+                node = subprocess.Popen([*words, "--node-name", called])
                 nodes.callback(node.kill)
-                arm = Arm(client, "left")
+                arm = Arm(client, called)
                 goal = arm.send([[1.0 if kill else 0.2, 0.0, 0.0]], [1.5])
                 if kill:
                     client.spin(0.7)
@@ -492,7 +493,7 @@ def test_a_dead_kernel_is_told(tmp_path: Path, client: Client) -> None:
     node = subprocess.Popen([*words, "--joints", *NAMES, "--node-name", "lone"])
     try:
         arm = Arm(client, "lone")
-        goal = arm.send([[1.0, 0.0, 0.0]], [2.0])
+        goal = arm.send([[1.0, 0.0, 0.0]], [8.0])
         client.spin(0.5)
         apart.kill()
         apart.wait()

@@ -59,6 +59,8 @@ class TrajectoryController(LifecycleNode):  # type: ignore[misc]
         self._host: Host | None = None
         self._joints: Joints | None = None
         self._desk: Desk | None = None
+        self._closing: Desk | None = None  # its last results are being told
+        self._finishing = False
         self._topic: TopicMotion | None = None
         self._speed = 1.0
         self._next: GoalHandle | Refusal = _INACTIVE
@@ -447,9 +449,6 @@ class TrajectoryController(LifecycleNode):  # type: ignore[misc]
         self._diagnostics.publish(diagnostics(self, self._host, self._joints, {"goals": goals}))
 
     # ---- life
-
-    _closing: Desk | None = None
-    _finishing = False
 
     def spin(self, executor: SingleThreadedExecutor) -> None:
         """One turn."""
