@@ -49,6 +49,7 @@ def check(recording: Recording, axis: int, drive: DriveConfig, *, torque: bool =
     follows = (recording.column("flags")[:, axis] & lib.SJ_TRACE_FOLLOWS) != 0
     velocity_word = recording.column("velocity_offset")[:, axis]
     torque_word = recording.column("torque_offset")[:, axis]
+    targets, velocity = recording.column("target_counts")[:, axis], recording.velocity[:, axis]
     before = last = Fraction(float(position[0]))
     total, slack, moved = Fraction(0), Fraction(0), 0
     for k in range(len(position)):
@@ -60,6 +61,9 @@ def check(recording: Recording, axis: int, drive: DriveConfig, *, torque: bool =
             assert velocity_word[k] == 0, said
             assert torque_word[k] == (load if torque else 0), said
             continue
+        caught = k > 0 and not follows[k - 1] and velocity[k] != 0.0
+        if caught:  # it follows again at speed: from the target that it has
+            last = Fraction(int(targets[k - 1])) / counts
         step, change = now - last, now - 2 * last + before
         before, last = last, now
         moved += step != 0
@@ -69,6 +73,9 @@ def check(recording: Recording, axis: int, drive: DriveConfig, *, torque: bool =
         assert off <= Fraction(1, 2) + ulp * counts / T + abs(exact) / 2**48, (said, float(off))
         if not torque:
             assert torque_word[k] == 0, said
+            continue
+        if caught:  # the speed that it is caught at is in no column: what is carried is not known
+            slack += 1
             continue
         w = step * rad / T
         exact = unit * (inertia * change * rad / T**2 + friction * w / (abs(w) + w0) + viscous * w)

@@ -152,21 +152,23 @@ def test_a_stream_of_goals_is_fed_forward_too() -> None:
     drive = DriveConfig(load_torque_nm=-0.05)
     own = [Axis(Limits(90.0, 900.0, 20_000.0), COUNTS, drive, feed_forward="torque")]
     players: list[StreamPlayer] = []
+    start: list[float] = []
 
     def act(cycle: int, host: Host) -> None:
         if cycle == 1:
             host.enable()
-        if cycle == 20:
+        if cycle == 200:  # the load has turned it until it was enabled: it rests by now
             players.append(StreamPlayer(host, period=0.1))
-        k, rest = divmod(cycle - 20, 100)
-        if players and rest == 0 and k < 5:
-            players[0].push([20.0 * (1.0 - math.cos(0.25 * k))])
+            start.append(host.feedback().axes[0].position)
+        k, rest = divmod(cycle - 200, 100)
+        if players and rest == 0 and 0 <= k < 5:
+            players[0].push([start[0] + 20.0 * (1.0 - math.cos(0.25 * k))])
         if players and k == 5 and rest == 0:
             players[0].end()
-        if players and cycle % 50 == 0 and not players[0].done:
+        if players and cycle % 4 == 0 and not players[0].done:
             players[0].update()
 
-    found = simulate(MotionKernel(own), act, 1400)
+    found = simulate(MotionKernel(own), act, 1600)
     assert check(found, 0, drive) > 400
     assert not found.column("velocity_offset")[-1].any()
     assert replay(found).identical
