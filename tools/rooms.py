@@ -8,6 +8,9 @@ of the layers in pyproject.toml, which import-linter holds against the Python; p
 what lies below, and what its own room has, if nothing in the room comes back to it. Calls are read
 from the objects: a symbol that one file needs and another defines. Each violation is one line with
 the files, what is included or called, and the rooms; the exit code is 1 if there are any.
+
+The C of a cycle has no heap, no statics, no I/O and no clock: outside the rooms that may (``MAY``)
+a file needs nothing of the system but the names in ``PURE``, and defines no data that changes.
 """
 
 from __future__ import annotations
@@ -27,6 +30,33 @@ from typing import Any, NamedTuple
 
 #: The room whose folders are rooms of their own, without knowledge of each other.
 PORTS = "ports"
+#: Rooms whose C speaks with the system: the clock of the process, and sockets.
+MAY = ("kernel", PORTS)
+#: What other C may need of the system: functions of their arguments, and the processor's kind.
+PURE = frozenset(
+    [
+        "memcpy",
+        "memset",
+        "memmove",
+        "memcmp",
+        "cbrt",
+        "ceil",
+        "copysign",
+        "expm1",
+        "fabs",
+        "floor",
+        "fma",
+        "fmax",
+        "fmin",
+        "hypot",
+        "llround",
+        "pow",
+        "sqrt",
+        "trunc",
+        "__cpu_model",
+        "__cpu_indicator_init",
+    ]
+)
 _INCLUDE = re.compile(r'^\s*#\s*include\s+"([^"]+)"', re.MULTILINE)
 
 
@@ -64,6 +94,14 @@ def room_of(file: str) -> str:
 # ---- what is there -------------------------------------------------------------------------------
 
 
+class Symbols(NamedTuple):
+    """Of one object: names that it needs, those it defines, and data of its own that may change."""
+
+    needed: set[str]
+    own: set[str]
+    data: set[str]
+
+
 def includes(root: Path) -> Iterator[Use]:
     """Every ``#include "..."`` of a file of the house."""
     for file in sorted(root.rglob("*.[ch]")):
@@ -74,28 +112,37 @@ def includes(root: Path) -> Iterator[Use]:
             yield Use(name, os.path.relpath(other, root).replace(os.sep, "/"), f'"{what}"')
 
 
-def calls(root: Path) -> Iterator[Use]:
-    """Every symbol that one file of the house needs and another one defines."""
+def objects(root: Path) -> dict[str, Symbols]:
+    """What each C file of the house needs and defines."""
     files = sorted(root.rglob("*.c"))
     with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(os.cpu_count()) as pool:
 
-        def symbols(numbered: tuple[int, Path]) -> tuple[set[str], set[str]]:
+        def symbols(numbered: tuple[int, Path]) -> Symbols:
             number, source = numbered
             out = Path(folder) / f"{number}.o"
             compiler = os.environ.get("CC", "cc")
-            # not optimised: nothing is inlined, and what is called stays a call
-            flags = ["-std=c11", "-O0", "-w", f"-I{root}", "-c", str(source), "-o", str(out)]
+            # not optimised: nothing is inlined, and what is called stays a call; not to be moved:
+            # a constant table of addresses is then no data that changes
+            flags = ["-std=c11", "-O0", "-fno-pic", "-fno-pie", "-w", f"-I{root}"]
+            flags += ["-c", str(source), "-o", str(out)]
             subprocess.run([compiler, *flags], check=True)
             table = subprocess.run(["nm", "-P", out], check=True, capture_output=True, text=True)
             rows = [line.split()[:2] for line in table.stdout.splitlines()]
             needed = {name for name, kind in rows if kind == "U"}
-            return needed, {name for name, kind in rows if kind in "TDBRVW"}
+            own = {name for name, kind in rows if kind in "TDBRVW"}
+            return Symbols(needed, own, {name for name, kind in rows if kind in "dDbBC"})
 
         tables = list(pool.map(symbols, enumerate(files)))
-    names = [file.relative_to(root).as_posix() for file in files]
-    owner = {name: file for file, (_, own) in zip(names, tables, strict=True) for name in own}
-    for file, (needed, _) in zip(names, tables, strict=True):
-        for name in sorted(needed & owner.keys()):
+    return {
+        file.relative_to(root).as_posix(): table for file, table in zip(files, tables, strict=True)
+    }
+
+
+def calls(tables: Mapping[str, Symbols]) -> Iterator[Use]:
+    """Every symbol that one file of the house needs and another one defines."""
+    owner = {name: file for file, table in tables.items() for name in table.own}
+    for file, table in tables.items():
+        for name in sorted(table.needed & owner.keys()):
             yield Use(file, owner[name], name)
 
 
@@ -116,6 +163,18 @@ def upward(uses: Iterable[Use], floor: Mapping[str, int], verb: str) -> Iterator
         if rise >= 0:
             what = "upward" if rise else "between peers"
             yield f"{use.file} {verb} {use.what} of {use.other}: {what}, {here} -> {there}"
+
+
+def impure(tables: Mapping[str, Symbols]) -> Iterator[str]:
+    """What a cycle may not have: the system behind a function, and data that outlives a call."""
+    house = set().union(*(table.own for table in tables.values()))
+    for file, table in tables.items():
+        if room_of(file).partition("/")[0] in MAY:
+            continue
+        for name in sorted(table.needed - house - PURE):
+            yield f"{file} needs {name} of the system: only {', '.join(MAY)} may"
+        for name in sorted(table.data):
+            yield f"{file} has data that changes, {name}: pass state in"
 
 
 def circles(uses: Iterable[Use]) -> Iterator[str]:
@@ -171,8 +230,10 @@ def violations(checkout: Path) -> tuple[list[str], list[Use]]:
     """What is wrong, and all uses between files."""
     root = checkout / "src" / "sjerk"
     floor = floors(tomllib.loads((checkout / "pyproject.toml").read_text()))
-    included, called = list(includes(root)), list(calls(root))
+    tables = objects(root)
+    included, called = list(includes(root)), list(calls(tables))
     wrong = [*upward(included, floor, "includes"), *upward(called, floor, "calls")]
+    wrong += impure(tables)
     wrong += circles([*included, *called])
     return wrong, [*included, *called]
 

@@ -155,7 +155,7 @@ class Profile(Plan):
         motion lies, a + T j / 2, v - T^2 j / 4, q + T^3 j / 8. Raises ``InputError``.
 
         >>> scurve(160.0, Limits(90.0, 500.0, 5000.0), 1e-3).state(1000).velocity
-        89.94938132733408
+        89.98875140607424
         """
         if isinstance(cycle, bool) or not isinstance(cycle, int) or cycle < 0:
             raise InputError("cycle", cycle, "must be an int, at least 0")
