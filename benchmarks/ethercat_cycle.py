@@ -20,8 +20,6 @@ from sjerk.cli.cable import MAIN
 from sjerk.host import Distribution
 from sjerk.ports.ethercat.inside import connect
 
-WAY, DRIVES, CYCLE_US, SECONDS = sys.argv[1], *map(int, sys.argv[2:5])
-T = CYCLE_US * 1000
 OUT, IN = struct.Struct("<Hbxiih"), struct.Struct("<HbxiihHiI")
 OUTPUTS = ("controlword", "mode", "target_position", "velocity_offset", "torque_offset")
 INPUTS = (
@@ -29,8 +27,7 @@ INPUTS = (
     "error_code", "following_error", "digital_inputs",
 )  # fmt: skip
 
-axis = Axis(Limits(20.0, 400.0, 4e4), 2**24, "external", unit="rev")
-kernel = MotionKernel([axis] * DRIVES, CYCLE_US * 1e-6)
+AXIS = Axis(Limits(20.0, 400.0, 4e4), 2**24, "external", unit="rev")
 
 
 def histogram(values: list[int]) -> object:
@@ -47,14 +44,17 @@ def row(made: object) -> dict[str, float]:
     return {"median": of.median * 1e6, "p99": of.p99 * 1e6, "worst": of.worst * 1e6}
 
 
-def in_c() -> dict[str, object]:
-    drives = {str(k): {"position": k, "startup": [["10F1:2", "u16", 65535]]} for k in range(DRIVES)}
+def in_c(way: str, count: int, period_us: int, seconds: int) -> dict[str, object]:
+    """The exchange in C; ``way`` arrivals holds its clock by arrival times."""
+    T = period_us * 1000
+    kernel = MotionKernel([AXIS] * count, period_us * 1e-6)
+    drives = {str(k): {"position": k, "startup": [["10F1:2", "u16", 65535]]} for k in range(count)}
     bus = {"interface": MAIN, "lost": 1000}
     core = kernel.core
     connection = connect(core, T, {"path": "bench", "bus": bus, "axes": drives})
     c = connection.bus.c
-    c.raw = WAY == "arrivals"
-    end, options = ffi.new("sj_clock_end *"), Clock().to_c(CYCLE_US * 1e-6)
+    c.raw = way == "arrivals"
+    end, options = ffi.new("sj_clock_end *"), Clock().to_c(period_us * 1e-6)
     cycle = threading.Thread(
         target=lambda: lib.sj_clock_run(core, ffi.NULL, options, connection.exchange, end)
     )
@@ -65,7 +65,7 @@ def in_c() -> dict[str, object]:
             ffi.memmove(ffi.addressof(field), bytes(ffi.sizeof("sj_histogram")),
                         ffi.sizeof("sj_histogram"))  # fmt: skip
         before = c.told.sent, c.told.lost, core.feedback.late
-        time.sleep(SECONDS)
+        time.sleep(seconds)
         result = {
             "work": row(core.feedback.computing),
             "wake": row(core.feedback.latency),
@@ -73,7 +73,7 @@ def in_c() -> dict[str, object]:
             "cycles": c.told.sent - before[0],
             "answers late": c.told.lost - before[1],
             "late": core.feedback.late - before[2],
-            "wrong": sum(c.drive[k].told.wrong for k in range(DRIVES)),
+            "wrong": sum(c.drive[k].told.wrong for k in range(count)),
         }
         lib.sj_clock_order(end, lib.SJ_END_REST)
         connection.release()
@@ -84,10 +84,13 @@ def in_c() -> dict[str, object]:
     return result
 
 
-def in_python() -> dict[str, object]:
+def in_python(count: int, period_us: int, seconds: int) -> dict[str, object]:
+    """Exchange and clock by pysoem."""
+    T = period_us * 1000
+    kernel = MotionKernel([AXIS] * count, period_us * 1e-6)
     master = pysoem.Master()
     master.open(MAIN)
-    assert master.config_init() == DRIVES
+    assert master.config_init() == count
 
     def configure(drive: object) -> None:
         for assign, pdo in ((0x1C12, 0x1600), (0x1C13, 0x1A00)):
@@ -109,7 +112,7 @@ def in_python() -> dict[str, object]:
     phase: list[int] = []
     due, integral, correction, wrong = time.monotonic_ns() + T, 0, 0, 0
     settle = 1_000_000_000 // T
-    for k in range(settle + SECONDS * 1_000_000_000 // T):
+    for k in range(settle + seconds * 1_000_000_000 // T):
         time.sleep(max(0, due - time.monotonic_ns()) * 1e-9)
         began = time.thread_time_ns()
         master.send_processdata()
@@ -147,4 +150,6 @@ def in_python() -> dict[str, object]:
     }
 
 
-print(json.dumps(in_python() if WAY == "pysoem" else in_c()), flush=True)
+if __name__ == "__main__":
+    what, numbers = sys.argv[1], [int(word) for word in sys.argv[2:5]]
+    print(json.dumps(in_python(*numbers) if what == "pysoem" else in_c(what, *numbers)), flush=True)
