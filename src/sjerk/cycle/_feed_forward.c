@@ -34,6 +34,8 @@ void sj_feed_forward_send(sj_kernel *kernel, int32_t axis)
     sj_exact step_now, step_before;
     double step, change, torque;
 
+    if (by->velocity == 0.0) /* nothing is fed forward: the words are 0 from the set-up on */
+        return;
     if (!ax->following) {
         ax->before[0] = ax->before[1] = now;
         ax->torque_left = 0.0;
