@@ -127,6 +127,17 @@ def test_faults_of_arguments_are_one_line(way: Path) -> None:
         assert err.count("\n") == 1
 
 
+def test_a_file_that_is_no_trajectory_is_named_with_its_line(kernel: Path, tmp_path: Path) -> None:
+    """The file, the line in it, what stands there, what should."""
+    path = tmp_path / "bad.csv"
+    path.write_text("time,a,b\n0,1,2\n0.5,x,5\n")
+    run = sjerk("follow", path, "--kernel", kernel)
+    _, err = run.communicate(timeout=600)
+    assert run.returncode == 1
+    assert str(path) in err
+    assert "line 3: ['0.5', 'x', '5'] is not three numbers" in err
+
+
 def test_joints_are_those_of_the_file_each_once(kernel: Path, way: Path) -> None:
     """A name that is not in the file, or twice, is refused and named; nothing moves."""
     for joints, told in (

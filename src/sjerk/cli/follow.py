@@ -24,7 +24,7 @@ from sjerk.executor import (
 )
 from sjerk.host import Host
 from sjerk.kernel import load
-from sjerk.trajectory import ExecutionMode, Trajectory
+from sjerk.trajectory import ExecutionMode, Trajectory, TrajectoryError
 
 _REFUSED, _STOPPED = 3, 4
 
@@ -93,7 +93,10 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _read(path: Path) -> Trajectory:
-    return (Trajectory.from_csv if path.suffix.lower() == ".csv" else Trajectory.from_bag)(path)
+    try:
+        return (Trajectory.from_csv if path.suffix.lower() == ".csv" else Trajectory.from_bag)(path)
+    except TrajectoryError as error:
+        raise InputError("path", str(path), str(error)) from error
 
 
 def _fit(

@@ -201,9 +201,8 @@ def _numbers(path: Path) -> tuple[list[str], FloatArray]:
             except ValueError:
                 numbers = []
             if len(numbers) != len(header):
-                raise TrajectoryError(
-                    [TrajectoryFault(FaultKind.SIZE, f"{row} is not {count} numbers", i)]
-                )
+                why = f"line {reader.line_num}: {row} is not {count} numbers"
+                raise TrajectoryError([TrajectoryFault(FaultKind.SIZE, why, i)])
             rows.append(numbers)
     return header, np.array(rows, dtype=np.float64).reshape(len(rows), len(header))
 
