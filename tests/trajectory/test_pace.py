@@ -182,12 +182,10 @@ def test_what_is_no_path_is_refused_before_it_moves() -> None:
         assert status(set_axis(1, name, float("nan"))) == (lib.SJ_TRACK_NUMBER, 1)
     slow = [Limits(2.0, 20.0, 500.0), Limits(0.1, 20.0, 500.0)]
     player = Player(blocks, slow)
-    results = [player.add() for _ in range(4)]
-    assert lib.SJ_TRACK_LIMIT in results
+    assert lib.SJ_TRACK_LIMIT in [player.add() for _ in range(len(player.segments) - 1)]
     near = [Limits(2.0, 20.0, 500.0), Limits(2.0, 20.0, 500.0, position=(-0.12, 0.5))]
     player = Player(blocks, near)
-    results = [player.add() for _ in range(3)]
-    assert results[-1] == lib.SJ_TRACK_POSITION
+    assert lib.SJ_TRACK_POSITION in [player.add() for _ in range(len(player.segments) - 1)]
 
 
 def differences(h: float, begin: float) -> tuple[Array, Array]:

@@ -77,6 +77,10 @@ class Sequencer:
             return 0.0
         return self._history.passed(progress.point) * self._T + progress.time
 
+    def ahead(self, progress: Progress) -> int:
+        """The way-point ahead of the newest motion, in its trajectory's numbers."""
+        return self._history.ahead(max(progress.point, self.first))
+
     # ---- motions
 
     def start(self, made: Entered, axes: Sequence[int]) -> None:

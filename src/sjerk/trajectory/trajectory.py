@@ -6,7 +6,7 @@ A ``Trajectory`` is what a path planner hands over. Never here: profiles, shared
 from __future__ import annotations
 
 import enum
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -42,6 +42,21 @@ class ExecutionMode(enum.Enum):
 
 
 # ---- the trajectory ------------------------------------------------------------------------------
+
+
+def limits_of(limits: Limits | Sequence[Limits], joints: int) -> list[Limits]:
+    """One ``Limits`` per joint: as they are, or one for all; raises InputError."""
+    if isinstance(limits, Limits):
+        return [limits] * joints
+    if isinstance(limits, (str, bytes)) or not isinstance(limits, Iterable):
+        raise InputError("limits", limits, "must be Limits, one per joint or one for all")
+    row = list(limits)
+    for i, limit in enumerate(row):
+        if not isinstance(limit, Limits):
+            raise InputError(f"limits[{i}]", limit, "must be Limits")
+    if len(row) != joints:
+        raise InputError("limits", len(row), f"must be one per joint: {joints}")
+    return row
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,7 +165,7 @@ class Trajectory:
 
     def faults(
         self,
-        limits: Sequence[Limits] | Mapping[str, Limits] | None = None,
+        limits: Limits | Sequence[Limits] | Mapping[str, Limits] | None = None,
         *,
         joints: Sequence[str] | None = None,
         start: ArrayLike | None = None,
@@ -191,7 +206,7 @@ class Trajectory:
         return tuple(found)
 
     def check(
-        self, limits: Sequence[Limits] | Mapping[str, Limits] | None = None, **options: Any
+        self, limits: Limits | Sequence[Limits] | Mapping[str, Limits] | None = None, **options: Any
     ) -> None:
         """Raise TrajectoryError with everything that ``faults`` (same arguments) finds."""
         found = self.faults(limits, **options)
@@ -209,20 +224,19 @@ class Trajectory:
             if joint not in self.joint_names
         ]
 
-    def limits_in_order(self, limits: Sequence[Limits] | Mapping[str, Limits]) -> list[Limits]:
+    def limits_in_order(
+        self, limits: Limits | Sequence[Limits] | Mapping[str, Limits]
+    ) -> list[Limits]:
         """One ``Limits`` per joint in the order of ``joint_names``; raises InputError."""
         if isinstance(limits, Mapping):
             missing = [joint for joint in self.joint_names if joint not in limits]
             if missing:
                 raise InputError("limits", sorted(limits), f"must have {', '.join(missing)}")
-            return [limits[joint] for joint in self.joint_names]
-        if len(limits) != len(self.joint_names):
-            most = len(self.joint_names)
-            raise InputError("limits", len(limits), f"must be one per joint: {most}")
-        return list(limits)
+            limits = [limits[joint] for joint in self.joint_names]
+        return limits_of(limits, len(self.joint_names))
 
     def _limit_faults(
-        self, limits: Sequence[Limits] | Mapping[str, Limits]
+        self, limits: Limits | Sequence[Limits] | Mapping[str, Limits]
     ) -> list[TrajectoryFault]:
         found = []
         for i, (joint, limit) in enumerate(
