@@ -479,7 +479,7 @@ def test_scaling_at_run_time_tells_the_position_anew() -> None:
     [
         {"feed": 4294967291, "gear_motor": 4294967279},
         {"friction_nm": 100.0},
-        {"homing_method": 3},
+        {"homing_method": 15},
         {"switch_negative_rev": 2.0, "switch_positive_rev": 1.0},
         {"max_speed_rpm": 1e5, "encoder_increments": 2**30, "period_s": 0.1},
     ],

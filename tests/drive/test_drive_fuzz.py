@@ -19,7 +19,8 @@ from helpers.root import SOURCES, TESTS
 from sjerk._binding import ffi
 from sjerk.cia402 import TRANSITIONS, Drive, DriveConfig, DriveState
 from sjerk.drive.device import Device
-from sjerk.drive.objects import OBJECTS, Abort
+from sjerk.drive.entries import Abort
+from sjerk.drive.objects import OBJECTS
 from sjerk.ports.canopen import Node
 
 FRAMES = int(os.environ.get("SJERK_FUZZ_FRAMES", "30000"))

@@ -11,11 +11,13 @@ import pytest
 
 import sjerk.cia402
 import sjerk.drive.device
+import sjerk.drive.entries
 import sjerk.drive.objects
 from sjerk.cia402 import Drive, DriveConfig, DriveFault, DriveState, Finding, Mode
 from sjerk.drive.device import LOAD, SAVE, Device
 from sjerk.drive.eds import eds
-from sjerk.drive.objects import DISABLED, OBJECTS, Abort, SdoError, Type, entry
+from sjerk.drive.entries import Abort, SdoError, Type
+from sjerk.drive.objects import DISABLED, OBJECTS, entry
 
 
 def refused(device: Device, index: int, sub: int, data: bytes) -> Abort:
@@ -26,7 +28,9 @@ def refused(device: Device, index: int, sub: int, data: bytes) -> Abort:
     return caught.value.abort
 
 
-@pytest.mark.parametrize("module", [sjerk.cia402, sjerk.drive.objects, sjerk.drive.device])
+@pytest.mark.parametrize(
+    "module", [sjerk.cia402, sjerk.drive.entries, sjerk.drive.objects, sjerk.drive.device]
+)
 def test_the_examples_in_the_docstrings_run(module: object) -> None:
     """Documentation that runs."""
     assert doctest.testmod(module, optionflags=doctest.IGNORE_EXCEPTION_DETAIL).failed == 0  # type: ignore[arg-type]
@@ -93,6 +97,19 @@ def test_supported_modes_are_true() -> None:
     assert device.read(0x6502) == taken
 
 
+def test_supported_homing_methods_are_true() -> None:
+    """60E3h lists each method that 6098h takes, once, and no other."""
+    device = Device()
+    listed = [device.read(0x60E3, row.sub) for row in OBJECTS[0x60E3].entries[1:]]
+    assert device.read(0x60E3) == len(listed) == len(set(listed))
+    for method in range(-128, 128):
+        data = struct.pack("<b", method)
+        if method in listed:
+            device.download(0x6098, 0, data)
+        else:
+            assert refused(device, 0x6098, 0, data) is Abort.RANGE
+
+
 @pytest.mark.parametrize(
     ("index", "sub", "data", "abort"),
     [
@@ -105,7 +122,7 @@ def test_supported_modes_are_true() -> None:
         (0x6040, 0, b"\0\0\0", Abort.TOO_LONG),
         (0x605A, 0, b"\x09\0", Abort.RANGE),
         (0x605D, 0, b"\0\0", Abort.RANGE),
-        (0x6098, 0, b"\x03", Abort.RANGE),
+        *((0x6098, 0, struct.pack("<b", n), Abort.RANGE) for n in (-128, -5, 15, 31, 36, 38, 127)),
         (0x6091, 1, b"\0\0\0\0", Abort.TOO_LOW),
         (0x10F1, 2, b"\0\0", Abort.TOO_LOW),
         (0x1010, 1, b"evil", Abort.CANNOT_STORE),

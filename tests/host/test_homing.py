@@ -71,6 +71,43 @@ def test_the_next_goal_after_homing_is_always_taken(methods: list[int], start: f
     assert ended(kernel, [move]) == [MoveState.DONE]
 
 
+REV = 2**24
+MACHINE = {
+    "switch_negative_rev": -0.7,
+    "switch_positive_rev": 1.4,
+    "switch_home_rev": 0.35,
+    "switch_home_end_rev": 0.65,
+    "homing_speed_switch": 6 * REV,
+    "homing_speed_zero": 3 * REV,
+    "homing_acceleration": 100 * REV,
+}
+STOPS = {"hard_stop_negative_rev": -0.25, "hard_stop_positive_rev": 1.25}
+
+
+@pytest.mark.parametrize(
+    ("method", "home"),
+    [
+        *((1, 0.0), (2, 1.0), (7, 0.0), (8, 1.0), (12, 0.0), (11, 1.0), (17, -0.7), (18, 1.4)),
+        *((23, 0.35), (29, 0.35), (25, 0.65), (27, 0.65), (-1, 1.0), (-2, 0.0), (-3, 1.25)),
+        (-4, -0.25),
+    ],
+)
+def test_a_host_homes_by_any_method_of_the_drive(method: int, home: float) -> None:
+    """Zero is where the method has it; the axis rests there, and the next goal is taken."""
+    fields = MACHINE if method > 0 else MACHINE | STOPS
+    if method < 0:
+        fields = fields | {"switch_negative_rev": -1e9, "switch_positive_rev": 1e9}
+    kernel, host = enabled([axis(method, **fields)], T)
+    assert ended(kernel, [host.home()]) == [MoveState.DONE]
+    kernel.step(500)
+    drive = kernel.image.inputs[0]
+    assert drive["position_internal"] - drive["position_actual"] == pytest.approx(home * REV, abs=1)
+    inside = -5.0 if home > 0.5 else 5.0
+    assert ended(kernel, [host.move(inside)]) == [MoveState.DONE]
+    kernel.step(500)
+    assert host.feedback().axes[0].actual_position == pytest.approx(inside, abs=0.01)
+
+
 @pytest.mark.parametrize("method", [34, 37])
 def test_a_queued_move_waits_for_the_homing_before_it(method: int) -> None:
     """It begins when homing is over, in the new frame; it is not lost with the old one."""

@@ -8,11 +8,11 @@ int32_t sj_kernel_init(sj_kernel *kernel, void *segment, int32_t axes, double cy
 /* As sj_drive_init. */
 int32_t sj_kernel_axis(sj_kernel *kernel, int32_t axis, const sj_drive_config *drive,
                        const sj_axis_config *config);
+/* Top to bottom in the order of the data. now_ns: the begin of the cycle, any monotonic clock. */
+void sj_kernel_cycle(sj_kernel *kernel, uint64_t now_ns);
 void sj_kernel_cycles(sj_kernel *kernel, int64_t cycles); /* in a caller's own loop */
 void sj_kernel_step(sj_kernel *kernel);                   /* the same, one */
 
 /* For C only. */
 
-/* Top to bottom in the order of the data. now_ns: the begin of the cycle, any monotonic clock. */
-void sj_kernel_cycle(sj_kernel *kernel, uint64_t now_ns);
 int32_t sj_kernel_at_rest(const sj_kernel *kernel); /* nothing moves, no drive is enabled */

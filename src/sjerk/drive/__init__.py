@@ -4,7 +4,8 @@ from sjerk.drive.config import MOTORS, DriveConfig, DriveConfigError, Jump, Moto
 from sjerk.drive.device import Device
 from sjerk.drive.drive import Drive, DriveFeedback, Finding, Report
 from sjerk.drive.eds import eds
-from sjerk.drive.objects import OBJECTS, Abort, SdoError, entry
+from sjerk.drive.entries import Abort, SdoError
+from sjerk.drive.objects import OBJECTS, entry
 from sjerk.drive.words import ControlWord, DriveFault, DriveState, Mode, StatusWord
 
 __all__ = [

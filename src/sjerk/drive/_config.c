@@ -51,6 +51,13 @@ static const field FIELDS[] = {
     FIELD(switch_negative_rev, REAL, -1e9, 1e9),
     FIELD(switch_positive_rev, REAL, -1e9, 1e9),
     FIELD(switch_home_rev, REAL, -1e9, 1e9),
+    FIELD(switch_home_end_rev, REAL, -1e9, 1e9),
+    FIELD(probe_1_rev, REAL, -1e9, 1e9),
+    FIELD(probe_1_end_rev, REAL, -1e9, 1e9),
+    FIELD(probe_2_rev, REAL, -1e9, 1e9),
+    FIELD(probe_2_end_rev, REAL, -1e9, 1e9),
+    FIELD(hard_stop_negative_rev, REAL, -1e9, 1e9),
+    FIELD(hard_stop_positive_rev, REAL, -1e9, 1e9),
     FIELD(encoder_increments, UNSIGNED, 1.0, 1073741824.0),
     FIELD(encoder_revolutions, UNSIGNED, 1.0, 65535.0),
     FIELD(gear_motor, UNSIGNED, 1.0, U32_MAX),
@@ -92,10 +99,12 @@ static const field FIELDS[] = {
     FIELD(sync_error_limit, UNSIGNED, 1.0, 65535.0),
     FIELD(software_from_home, UNSIGNED, 0.0, 1.0),
     FIELD(home_offset, SIGNED, I32_MIN, I32_MAX),
-    FIELD(homing_method, SIGNED, 0.0, 37.0),
+    FIELD(homing_method, SIGNED, -4.0, 37.0),
     FIELD(homing_speed_switch, UNSIGNED, 1.0, U32_MAX),
     FIELD(homing_speed_zero, UNSIGNED, 1.0, U32_MAX),
     FIELD(homing_acceleration, UNSIGNED, 1.0, U32_MAX),
+    FIELD(hard_stop_torque, UNSIGNED, 1.0, 65535.0),
+    FIELD(hard_stop_time_ms, UNSIGNED, 1.0, 65535.0),
 };
 
 enum { FIELD_COUNT = sizeof FIELDS / sizeof FIELDS[0] };
@@ -182,6 +191,7 @@ int32_t sj_drive_config_check(const sj_drive_config *config)
     int64_t increments = 0;
     double inertia = 0.0;
     double damping = 0.0;
+    sj_homing_method method;
 
     for (int32_t i = 0; i < FIELD_COUNT; i++) {
         const double value = value_of(config, &FIELDS[i]);
@@ -211,14 +221,11 @@ int32_t sj_drive_config_check(const sj_drive_config *config)
     if (config->switch_negative_rev >= config->switch_positive_rev) {
         return number_of(offsetof(sj_drive_config, switch_positive_rev));
     }
-    switch (config->homing_method) {
-    case 0:
-    case 17:
-    case 18:
-    case 33:
-    case 34:
-    case 35:
-    case 37: return 0;
-    default: return number_of(offsetof(sj_drive_config, homing_method));
+    if (config->hard_stop_negative_rev >= config->hard_stop_positive_rev) {
+        return number_of(offsetof(sj_drive_config, hard_stop_positive_rev));
     }
+    if (!sj_homing_method_of(config->homing_method, &method)) {
+        return number_of(offsetof(sj_drive_config, homing_method));
+    }
+    return 0;
 }

@@ -29,9 +29,19 @@ enum {
 /* phases of homing */
 enum {
     SJ_HOMING_IDLE = 0,
-    SJ_HOMING_SEARCH = 1, /* for the switch or the index pulse */
-    SJ_HOMING_BACK = 2,   /* off the switch */
+    SJ_HOMING_SEARCH = 1, /* for the switch or the hard stop */
+    SJ_HOMING_INDEX = 2,  /* for the index pulse */
     SJ_HOMING_STOPPING = 3
+};
+
+/* inputs that belong to a place of the motor; the first three are the bits of 60FDh */
+enum {
+    SJ_INPUT_NEGATIVE = 0, /* limit switches */
+    SJ_INPUT_POSITIVE = 1,
+    SJ_INPUT_HOME = 2,
+    SJ_INPUT_PROBE_1 = 3, /* touch probes */
+    SJ_INPUT_PROBE_2 = 4,
+    SJ_INPUTS = 5
 };
 
 /* findings of the verdict on the stream of targets */
@@ -76,7 +86,14 @@ typedef struct {
     double profile_jerk_rev_s3;        /* of modes 1 and 3 */
     double switch_negative_rev;        /* limit switch closed below; closed never if <= -1e9 */
     double switch_positive_rev;        /* limit switch closed above; closed never if >= 1e9 */
-    double switch_home_rev;            /* home switch closed above */
+    double switch_home_rev;            /* home switch closed from here; closed never if >= 1e9 */
+    double switch_home_end_rev;        /* to here */
+    double probe_1_rev;                /* touch probe 1 closed from here; never if >= 1e9 */
+    double probe_1_end_rev;            /* to here */
+    double probe_2_rev;                /* touch probe 2 likewise */
+    double probe_2_end_rev;
+    double hard_stop_negative_rev; /* the axis cannot turn below; none if <= -1e9 */
+    double hard_stop_positive_rev; /* nor above; none if >= 1e9 */
 
     uint32_t encoder_increments;      /* 608Fh:1 */
     uint32_t encoder_revolutions;     /* 608Fh:2 */
@@ -123,6 +140,8 @@ typedef struct {
     uint32_t homing_speed_switch; /* 6099h:1, pu/s */
     uint32_t homing_speed_zero;   /* 6099h:2, pu/s */
     uint32_t homing_acceleration; /* 609Ah, pu/s^2 */
+    uint32_t hard_stop_torque;    /* 2100h:9, 0.1 % of rated: with which a hard stop is sought */
+    uint32_t hard_stop_time_ms;   /* 2100h:10: so long at that torque without turning */
 } sj_drive_config;
 
 /* a position in increments and in pu at once */
@@ -167,6 +186,12 @@ typedef struct {
     double speed_max_rad_s;
 } sj_servo_command;
 
+/* an input is closed where closes <= encoder < opens; INT64_MIN, INT64_MAX: no such edge */
+typedef struct {
+    int64_t closes;
+    int64_t opens;
+} sj_drive_signal;
+
 /* motor and loops */
 typedef struct {
     int64_t encoder;       /* increments */
@@ -201,6 +226,8 @@ typedef struct {
     double inertia_kg_m2;
     double inertia_inverse;
     double speed_bound_rad_s; /* the motor never turns faster, whatever happens */
+    int64_t stop_low;         /* the motor never turns below, increments */
+    int64_t stop_high;        /* nor above */
 } sj_servo_constants;
 
 /* the verdict on the stream of targets */
@@ -221,12 +248,13 @@ typedef struct {
 
 /* positions in two units, made from a config */
 typedef struct {
-    int64_t units;      /* pu per `increments` */
-    int64_t increments; /* per `units`, reduced */
-    int64_t range_min;  /* pu, where the range of 607Bh begins */
-    int64_t range;      /* pu in one wrap of 607Bh */
-    int64_t jump_limit; /* pu per period */
-    double speed_limit; /* increments per period, of 6080h or 607Fh */
+    int64_t units;            /* pu per `increments` */
+    int64_t increments;       /* per `units`, reduced */
+    int64_t range_min;        /* pu, where the range of 607Bh begins */
+    int64_t range;            /* pu in one wrap of 607Bh */
+    int64_t jump_limit;       /* pu per period */
+    double speed_limit;       /* increments per period, of 6080h or 607Fh */
+    sj_drive_signal input[5]; /* SJ_INPUT_... */
 } sj_drive_scale;
 
 /* where the axis is to be, at the end of the period */
@@ -263,11 +291,16 @@ typedef struct {
 } sj_drive_goal;
 
 typedef struct {
-    int64_t turn;  /* index pulses counted when the search began */
-    int32_t phase; /* SJ_HOMING_... */
-    int32_t homed; /* a reference exists */
-    int32_t error;
-    int32_t pad;
+    int64_t from;      /* the encoder one period ago */
+    int64_t pulse;     /* the index pulse that is home */
+    int32_t phase;     /* SJ_HOMING_... */
+    int32_t homed;     /* a reference exists */
+    int32_t error;     /* the search has failed */
+    int32_t direction; /* of the search, of the motor: 1, -1 */
+    int32_t seen;      /* the switch has changed */
+    int32_t turned;    /* a limit switch has turned the search */
+    uint32_t blocked;  /* periods in a row in which the torque did not turn the motor */
+    int32_t method;    /* 6098h when it began */
 } sj_drive_homing;
 
 /* periods in a row, but for sync_errors */

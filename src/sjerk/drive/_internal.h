@@ -14,6 +14,32 @@ enum { SJ_POLARITY_POSITION = 0x80, SJ_POLARITY_VELOCITY = 0x40, SJ_POLARITY_TOR
 enum { SJ_FAULT_RAMPS = 0, SJ_FAULT_COASTS = 1 };    /* whether the motor can be controlled */
 enum { SJ_POSITION_GOAL = 1, SJ_VELOCITY_GOAL = 2 }; /* sj_drive_goal.kind */
 
+/* How a homing method looks for its reference; directions are those of the motor. */
+enum {
+    SJ_HOMING_BY_NOTHING = 0, /* no motion, no new position */
+    SJ_HOMING_BY_PLACE = 1,   /* where the axis is */
+    SJ_HOMING_BY_SWITCH = 2,  /* an edge of a switch */
+    SJ_HOMING_BY_INDEX = 3,   /* the next index pulse */
+    SJ_HOMING_BY_STOP = 4     /* a hard stop */
+};
+
+typedef struct {
+    int8_t number;    /* 6098h */
+    uint8_t by;       /* SJ_HOMING_BY_... */
+    int8_t begins;    /* direction of the search while the switch is open */
+    int8_t direction; /* in which the reference is passed, or the index pulse is sought */
+    uint8_t input;    /* SJ_INPUT_... */
+    uint8_t rises;    /* the switch closes there */
+    uint8_t turns;    /* once, at the limit switch in the direction in which it begins */
+    uint8_t index;    /* home is the first index pulse behind the reference */
+} sj_homing_method;
+
+/* an edge that was passed */
+typedef struct {
+    int64_t place; /* the first increment behind it, counted upwards */
+    int32_t rises; /* the input has closed */
+} sj_signal_edge;
+
 typedef struct {
     uint16_t code;          /* 603Fh and the first two bytes of an emergency */
     uint8_t error_register; /* 1001h */
@@ -22,6 +48,9 @@ typedef struct {
 
 /* _cia402.c */
 const sj_drive_fault_row *sj_drive_fault(int32_t fault);
+
+/* _homing_methods.c */
+int sj_homing_method_of(int32_t number, sj_homing_method *method); /* 0: not offered */
 
 /* _config.c: pu = increments * *units / *increments, reduced; 0 when a term exceeds 2^30 */
 int32_t sj_drive_ratio(const sj_drive_config *config, int64_t *units, int64_t *increments);
@@ -48,6 +77,15 @@ void sj_servo_period(sj_servo *servo, const sj_servo_constants *constants,
 enum { SJ_SERVO_LANES = 8 }; /* motors at once */
 /* One period of as many servos, SJ_SERVO_LANES at most. */
 void sj_servo_periods(int32_t count, sj_drive *const *drives, const sj_servo_command *commands);
+
+/* _signals.c */
+void sj_signal_prepare(sj_drive_signal input[SJ_INPUTS], const sj_drive_config *config);
+int sj_signal_closed(const sj_drive *drive, int32_t input);
+/* The edges that a way from one increment to another has passed, in their order; returns how many. */
+int32_t sj_signal_edges(const sj_drive *drive, int32_t input, int64_t from, int64_t to,
+                        sj_signal_edge edge[2]);
+/* The next index pulse above (1) or below (-1) a place. */
+int64_t sj_signal_pulse(const sj_drive *drive, int64_t place, int32_t direction);
 
 /* _limits.c */
 uint32_t sj_limit_inputs(const sj_drive *drive); /* 60FDh */

@@ -6,27 +6,26 @@
 #include <stdint.h>          /* fixed widths */
 #include "drive/_internal.h" /* what the files of the drive share */
 
-enum { NEGATIVE = 1, POSITIVE = 2, HOME = 4, INTERLOCK = 8 };
+/* bits of 60FDh; those from 16 on are the maker's */
+enum { NEGATIVE = 1, POSITIVE = 2, HOME = 4, INTERLOCK = 8, PROBE_1 = 1 << 16, PROBE_2 = 1 << 17 };
 
 uint32_t sj_limit_inputs(const sj_drive *drive)
 {
-    const sj_drive_config *config = &drive->config;
-    const double turns =
-        (double)drive->servo.encoder * config->encoder_revolutions / config->encoder_increments;
     uint32_t inputs = 0;
 
-    inputs |=
-        config->switch_negative_rev > -1e9 && turns <= config->switch_negative_rev ? NEGATIVE : 0;
-    inputs |=
-        config->switch_positive_rev < 1e9 && turns >= config->switch_positive_rev ? POSITIVE : 0;
-    inputs |= config->switch_home_rev < 1e9 && turns >= config->switch_home_rev ? HOME : 0;
+    inputs |= sj_signal_closed(drive, SJ_INPUT_NEGATIVE) ? NEGATIVE : 0;
+    inputs |= sj_signal_closed(drive, SJ_INPUT_POSITIVE) ? POSITIVE : 0;
+    inputs |= sj_signal_closed(drive, SJ_INPUT_HOME) ? HOME : 0;
+    inputs |= sj_signal_closed(drive, SJ_INPUT_PROBE_1) ? PROBE_1 : 0;
+    inputs |= sj_signal_closed(drive, SJ_INPUT_PROBE_2) ? PROBE_2 : 0;
     inputs |= has_cause(drive, SJ_FAULT_SAFE_TORQUE_OFF) ? INTERLOCK : 0;
     return inputs;
 }
 
 uint32_t sj_limit_switches(const sj_drive *drive)
 {
-    return sj_limit_inputs(drive) & (NEGATIVE | POSITIVE);
+    return (sj_signal_closed(drive, SJ_INPUT_NEGATIVE) ? NEGATIVE : 0u) |
+           (sj_signal_closed(drive, SJ_INPUT_POSITIVE) ? POSITIVE : 0u);
 }
 
 /* Words beyond which the axis may not go. Not min < max: none; an end of the range of 607Bh is none

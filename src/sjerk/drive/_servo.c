@@ -5,14 +5,14 @@
  *     asked    = Kv (target - w_measured) + integral + torque_demand      clamped; integral held then
  *     torque  += (1 - exp(-dt / T_torque)) (asked - torque)
  *     w       += (torque - F w / (|w| + w0) - viscous w - load) dt / J
- *     encoder += whole increments of w dt; the rest stays in the fraction
+ *     encoder += whole increments of w dt; the rest stays in the fraction; a hard stop takes all of w
  *     measured += (1 - exp(-dt / T_filter)) (increments / dt - measured)
  * Friction is Coulomb friction made smooth: the same slope at rest as F tanh(w / w0), no call into
  * libm, and exact in every processor. _servo_simd.c does the same for several motors.
  * Never here: states, words, limits of the profile, clocks, memory.
  */
 #include <stdint.h>          /* fixed widths */
-#include <math.h>            /* exp and ceil while preparing; nothing in the inner step */
+#include <math.h>            /* exp, ceil, floor while preparing; nothing in the inner step */
 #include "drive/_internal.h" /* what the files of the drive share */
 
 void sj_servo_prepare(sj_servo_constants *c, const sj_drive_config *config)
@@ -42,6 +42,14 @@ void sj_servo_prepare(sj_servo_constants *c, const sj_drive_config *config)
     c->inertia_kg_m2 = inertia;
     c->inertia_inverse = 1.0 / inertia;
     c->speed_bound_rad_s = 4.0 * config->max_speed_rpm * SJ_TWO_PI / 60.0;
+    c->stop_low = config->hard_stop_negative_rev > -1e9
+                      ? (int64_t)ceil(config->hard_stop_negative_rev * config->encoder_increments /
+                                      config->encoder_revolutions)
+                      : INT64_MIN;
+    c->stop_high = config->hard_stop_positive_rev < 1e9
+                       ? (int64_t)floor(config->hard_stop_positive_rev *
+                                        config->encoder_increments / config->encoder_revolutions)
+                       : INT64_MAX;
 }
 
 static double clamp(double value, double low, double high)
@@ -137,6 +145,20 @@ void sj_servo_period(sj_servo *servo, const sj_servo_constants *c, const sj_serv
         whole -= (double)whole > fraction;
         fraction -= (double)whole;
         encoder = (int64_t)((uint64_t)encoder + (uint64_t)whole);
+        /* a hard stop gives way to nothing and throws nothing back */
+        if (w > 0.0 && encoder >= c->stop_high) {
+            const int64_t beyond = encoder - c->stop_high;
+            const int64_t back = beyond < whole ? beyond : whole;
+            encoder -= back;
+            whole -= back;
+            fraction = w = 0.0;
+        } else if (w < 0.0 && encoder < c->stop_low) {
+            const int64_t beyond = c->stop_low - encoder;
+            const int64_t back = beyond < -whole ? beyond : -whole;
+            encoder += back;
+            whole += back;
+            fraction = w = 0.0;
+        }
         measured += c->filter_gain * ((double)whole * measure - measured);
     }
     servo->encoder = encoder;

@@ -55,8 +55,11 @@ static int runs_in_lane(const sj_servo *servo, const sj_servo_constants *c,
 {
     const double behind = (double)(int64_t)((uint64_t)command->demand - (uint64_t)servo->encoder);
     const double most = c->speed_bound_rad_s * (c->step_s * c->increments_per_rad) * c->steps;
+    const double encoder = (double)servo->encoder;
+    const double room = most + 2.0 + 0x1p-50 * (encoder < 0.0 ? -encoder : encoder);
 
-    return command->control == SJ_SERVO_POSITION &&
+    return command->control == SJ_SERVO_POSITION && encoder - room > (double)c->stop_low &&
+           encoder + room < (double)c->stop_high &&
            !(command->brake != 0 && c->brake_torque_nm > 0.0) && behind < exact_increments &&
            behind > -exact_increments && most < exact_increments;
 }

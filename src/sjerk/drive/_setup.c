@@ -26,6 +26,7 @@ static void prepare(sj_drive *drive)
     drive->scale.speed_limit = speed * config->period_s * increments_per_unit(drive);
     limit = ceil(speed * config->period_s * config->jump_factor);
     drive->scale.jump_limit = limit < 4294967296.0 ? (int64_t)limit : (int64_t)1 << 32;
+    sj_signal_prepare(drive->scale.input, config);
 }
 
 int32_t sj_drive_init(sj_drive *drive, const sj_drive_config *config)

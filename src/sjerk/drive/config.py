@@ -154,6 +154,13 @@ class DriveConfig:
     switch_negative_rev: float = -1e9
     switch_positive_rev: float = 1e9
     switch_home_rev: float = 1e9
+    switch_home_end_rev: float = 1e9
+    probe_1_rev: float = 1e9
+    probe_1_end_rev: float = 1e9
+    probe_2_rev: float = 1e9
+    probe_2_end_rev: float = 1e9
+    hard_stop_negative_rev: float = -1e9
+    hard_stop_positive_rev: float = 1e9
 
     encoder_increments: int = 16777216  # 608Fh:1
     encoder_revolutions: int = 1  # 608Fh:2
@@ -200,6 +207,8 @@ class DriveConfig:
     homing_speed_switch: int = 16777216  # 6099h:1
     homing_speed_zero: int = 1677721  # 6099h:2
     homing_acceleration: int = 167772160  # 609Ah
+    hard_stop_torque: int = 300  # 2100h:9
+    hard_stop_time_ms: int = 50  # 2100h:10
 
     def __post_init__(self) -> None:
         """Check every field against the ranges that C holds."""

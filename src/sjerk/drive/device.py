@@ -16,15 +16,13 @@ from collections.abc import Callable
 from sjerk.drive.config import DriveConfig, DriveConfigError
 from sjerk.drive.drive import Drive, DriveFeedback, Finding
 from sjerk.drive.eds import eds
+from sjerk.drive.entries import Abort, ObjectEntry, SdoError
 from sjerk.drive.objects import (
     DISABLED,
     DUMMIES,
     MAPPED,
     OBJECTS,
     PDOS,
-    Abort,
-    ObjectEntry,
-    SdoError,
     default,
     entry,
 )

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from sjerk.drive.objects import DUMMIES, OBJECTS, PDOS, ObjectEntry, default
+from sjerk.drive.entries import ObjectEntry
+from sjerk.drive.objects import DUMMIES, OBJECTS, PDOS, default
 
 
 def eds(

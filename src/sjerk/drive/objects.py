@@ -1,7 +1,7 @@
 """The object dictionary of the drive as data: CiA 301 communication, CiA 402 drive profile.
 
-`OBJECTS` is the table, `Abort` the SDO abort codes of CiA 301; `sjerk.drive.eds` writes the table
-as an electronic data sheet. A row's `source` says where its value lives: ``config.x`` is a field of
+`OBJECTS` is the table, of what `sjerk.drive.entries` has; `sjerk.drive.eds` writes it as an
+electronic data sheet. A row's `source` says where its value lives: ``config.x`` is a field of
 `sjerk.drive.config.DriveConfig`, ``rx.x`` and ``tx.x`` are words of the process data,
 ``report.x`` and ``finding.X`` the verdict on the stream, "" the dictionary itself, ``special`` a
 rule of `sjerk.drive.device`.
@@ -11,201 +11,33 @@ Never here: a drive, a bus, a value that changes.
 
 from __future__ import annotations
 
-import enum
-import struct
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
-from sjerk.errors import SjerkError
-
-
-class Type(enum.Enum):
-    """Data types of CiA 301: (code, struct format)."""
-
-    INTEGER8 = (0x02, "b")
-    """A signed integer of one byte."""
-    INTEGER16 = (0x03, "h")
-    """A signed integer of two bytes."""
-    INTEGER32 = (0x04, "i")
-    """A signed integer of four bytes."""
-    UNSIGNED8 = (0x05, "B")
-    """An unsigned integer of one byte."""
-    UNSIGNED16 = (0x06, "H")
-    """An unsigned integer of two bytes."""
-    UNSIGNED32 = (0x07, "I")
-    """An unsigned integer of four bytes."""
-    REAL32 = (0x08, "f")
-    """A float of four bytes (IEEE 754)."""
-    VISIBLE_STRING = (0x09, "")
-    """Text in ASCII."""
-
-    @property
-    def code(self) -> int:
-        """The number of the type in an electronic data sheet."""
-        return self.value[0]
-
-    @property
-    def size(self) -> int:
-        """Bytes of a value; 0 for text, which has as many as it has characters."""
-        return struct.calcsize("<" + self.value[1]) if self.value[1] else 0
-
-    @property
-    def limits(self) -> tuple[int, int] | None:
-        """Smallest and largest value of an integer type; None for the others.
-
-        >>> Type.INTEGER8.limits
-        (-128, 127)
-        """
-        if self in (Type.REAL32, Type.VISIBLE_STRING):
-            return None
-        bits = 8 * self.size
-        if self.value[1].islower():
-            return -(1 << (bits - 1)), (1 << (bits - 1)) - 1
-        return 0, (1 << bits) - 1
-
-    def pack(self, value: int | float | str) -> bytes:
-        """The value as it goes over the wire, little-endian."""
-        if isinstance(value, str):
-            return value.encode("ascii")
-        return struct.pack("<" + self.value[1], value)
-
-    def unpack(self, data: bytes) -> int | float | str:
-        """The value of bytes from the wire; their number must be right."""
-        if self is Type.VISIBLE_STRING:
-            return data.decode("ascii", "replace")
-        value: int | float = struct.unpack("<" + self.value[1], data)[0]
-        return value
-
-
-class Abort(enum.IntEnum):
-    """SDO abort codes of CiA 301."""
-
-    TOGGLE = 0x05030000
-    """The toggle bit did not alternate."""
-    COMMAND = 0x05040001
-    """The command is not valid or not known."""
-    UNSUPPORTED_ACCESS = 0x06010000
-    """The object does not support this access."""
-    WRITE_ONLY = 0x06010001
-    """The object can only be written."""
-    READ_ONLY = 0x06010002
-    """The object can only be read."""
-    NO_OBJECT = 0x06020000
-    """The dictionary has no such object."""
-    NOT_MAPPABLE = 0x06040041
-    """The object cannot be mapped into the PDO."""
-    PDO_LENGTH = 0x06040042
-    """The mapped objects are longer than a PDO."""
-    LENGTH = 0x06070010
-    """The length does not match the type."""
-    TOO_LONG = 0x06070012
-    """The data are longer than the type."""
-    TOO_SHORT = 0x06070013
-    """The data are shorter than the type."""
-    NO_SUBINDEX = 0x06090011
-    """The object has no such sub-index."""
-    RANGE = 0x06090030
-    """The value is outside its range."""
-    TOO_HIGH = 0x06090031
-    """The value is above its range."""
-    TOO_LOW = 0x06090032
-    """The value is below its range."""
-    MAX_BELOW_MIN = 0x06090036
-    """The maximum would be below the minimum."""
-    CANNOT_STORE = 0x08000020
-    """The data cannot be stored: the signature is wrong."""
-    LOCAL_CONTROL = 0x08000021
-    """The device is under local control."""
-    DEVICE_STATE = 0x08000022
-    """The present state of the device does not allow it."""
-
-
-class SdoError(SjerkError):
-    """An access that the dictionary refuses: `abort`, `index`, `sub`.
-
-    >>> print(SdoError(Abort.READ_ONLY, 0x6041, 0))
-    6041h:0: read_only (06010002h)
-    """
-
-    def __init__(self, abort: Abort, index: int, sub: int) -> None:
-        """Name the object and the abort code."""
-        super().__init__(f"{index:04X}h:{sub}: {abort.name.lower()} ({int(abort):08X}h)")
-        self.abort, self.index, self.sub = abort, index, sub
-
-
-@dataclass(frozen=True)
-class ObjectEntry:
-    """One object or sub-object: what an SDO or a PDO can reach.
-
-    `access` is "ro", "rw", or "idle": writable while the drive is not enabled. `pdo` has "R" where
-    it may be mapped into a receive PDO, "T" into a transmit PDO. `unit` is for people, `source` as
-    at the top of this module.
-
-    >>> OBJECTS[0x607A].entries[0].bits
-    32
-    """
-
-    index: int
-    sub: int
-    name: str
-    type: Type
-    access: str
-    pdo: str = ""
-    default: int | float | str = 0
-    unit: str = ""
-    source: str = ""
-
-    @property
-    def bits(self) -> int:
-        """Length in a PDO, bits."""
-        return 8 * self.type.size
-
-
-@dataclass(frozen=True)
-class Object:
-    """An object: one entry (variable) or entries from sub-index 0 on (array, record).
-
-    `code` is its object code: 7 variable, 8 array, 9 record.
-    """
-
-    index: int
-    name: str
-    entries: tuple[ObjectEntry, ...]
-    code: int
-
-
-I8, I16, I32 = Type.INTEGER8, Type.INTEGER16, Type.INTEGER32
-U8, U16, U32 = Type.UNSIGNED8, Type.UNSIGNED16, Type.UNSIGNED32
-REAL, TEXT = Type.REAL32, Type.VISIBLE_STRING
-
-Row = tuple[str, Type, str, str, int | float | str, str, str]
-
-
-def _var(
-    index: int,
-    name: str,
-    type_: Type,
-    access: str,
-    pdo: str = "",
-    default: int | float | str = 0,
-    unit: str = "",
-    source: str = "",
-) -> Object:
-    entry = ObjectEntry(index, 0, name, type_, access, pdo, default, unit, source)
-    return Object(index, name, (entry,), 7)
-
-
-def _many(index: int, name: str, *rows: Row, code: int = 8, count: str = "ro") -> Object:
-    """An array or record; `count` is the access of sub-index 0."""
-    head = ObjectEntry(index, 0, "Highest sub-index", U8, count, "", len(rows), "", "")
-    subs = (ObjectEntry(index, sub, *row) for sub, row in enumerate(rows, 1))
-    return Object(index, name, (head, *subs), code)
-
+from sjerk.drive.entries import (
+    I8,
+    I16,
+    I32,
+    REAL,
+    TEXT,
+    U8,
+    U16,
+    U32,
+    Abort,
+    Object,
+    ObjectEntry,
+    Row,
+    SdoError,
+    many,
+    var,
+)
 
 PDOS = 4
 """Receive and transmit PDOs, each."""
 MAPPED = 8
 """Most objects in one PDO."""
+HOMING_METHODS = (0, *range(1, 15), *range(17, 31), 33, 34, 35, 37, -1, -2, -3, -4)
+"""What 6098h takes."""
 
 _RPDO_MAPS = (
     (0x60400010, 0x60600008, 0x607A0020),
@@ -237,9 +69,9 @@ def _pdo(number: int, receive: bool) -> Iterator[Object]:
             ("Reserved", U8, "ro", "", 0, "", ""),
             ("Event timer", U16, "rw", "", 0, "ms", ""),
         ]
-    yield _many(communication + number, f"{side} PDO {number + 1} communication", *rows, code=9)
+    yield many(communication + number, f"{side} PDO {number + 1} communication", *rows, code=9)
     maps = (_RPDO_MAPS if receive else _TPDO_MAPS)[number]
-    mapping = _many(
+    mapping = many(
         communication + 0x200 + number,
         f"{side} PDO {number + 1} mapping",
         *(
@@ -262,29 +94,29 @@ def _pdo(number: int, receive: bool) -> Iterator[Object]:
 
 
 _COMMUNICATION: tuple[Object, ...] = (
-    _var(0x1000, "Device type", U32, "ro", "", 0x00020192),
-    _var(0x1001, "Error register", U8, "ro", "T", 0, "", "special"),
-    _many(
+    var(0x1000, "Device type", U32, "ro", "", 0x00020192),
+    var(0x1001, "Error register", U8, "ro", "T", 0, "", "special"),
+    many(
         0x1003,
         "Pre-defined error field",
         *(("Error", U32, "ro", "", 0, "", "special") for _ in range(8)),
         count="rw",
     ),
-    _var(0x1005, "COB-ID SYNC", U32, "rw", "", 0x80, "", "special"),
-    _var(0x1006, "Communication cycle period", U32, "rw", "", 0, "us"),
-    _var(0x1008, "Manufacturer device name", TEXT, "ro", "", "sjerk simulated drive"),
-    _var(0x1009, "Manufacturer hardware version", TEXT, "ro", "", "none"),
-    _var(0x100A, "Manufacturer software version", TEXT, "ro", "", "0.1.0"),
-    _many(0x1010, "Store parameters", ("Save all", U32, "rw", "", 1, "", "special")),
-    _many(0x1011, "Restore defaults", ("Restore all", U32, "rw", "", 1, "", "special")),
-    _var(0x1014, "COB-ID EMCY", U32, "rw", "", 0x80, "", "special"),
-    _many(
+    var(0x1005, "COB-ID SYNC", U32, "rw", "", 0x80, "", "special"),
+    var(0x1006, "Communication cycle period", U32, "rw", "", 0, "us"),
+    var(0x1008, "Manufacturer device name", TEXT, "ro", "", "sjerk simulated drive"),
+    var(0x1009, "Manufacturer hardware version", TEXT, "ro", "", "none"),
+    var(0x100A, "Manufacturer software version", TEXT, "ro", "", "0.1.0"),
+    many(0x1010, "Store parameters", ("Save all", U32, "rw", "", 1, "", "special")),
+    many(0x1011, "Restore defaults", ("Restore all", U32, "rw", "", 1, "", "special")),
+    var(0x1014, "COB-ID EMCY", U32, "rw", "", 0x80, "", "special"),
+    many(
         0x1016,
         "Consumer heartbeat time",
         ("Master", U32, "rw", "", 0, "ms", "special"),
     ),
-    _var(0x1017, "Producer heartbeat time", U16, "rw", "", 0, "ms"),
-    _many(
+    var(0x1017, "Producer heartbeat time", U16, "rw", "", 0, "ms"),
+    many(
         0x1018,
         "Identity",
         ("Vendor", U32, "ro", "", 0, "", ""),
@@ -293,7 +125,7 @@ _COMMUNICATION: tuple[Object, ...] = (
         ("Serial number", U32, "ro", "", 0, "", ""),
         code=9,
     ),
-    _many(
+    many(
         0x10F1,
         "Error settings",
         ("Local error reaction", U32, "ro", "", 1, "", ""),
@@ -306,7 +138,7 @@ _COMMUNICATION: tuple[Object, ...] = (
 
 # fmt: off
 _MAKER: tuple[Object, ...] = (
-    _many(0x2100, "Supervision of the targets",
+    many(0x2100, "Supervision of the targets",
           ("Reaction to a jump: 0 fault, 1 clamp, 2 off", U8, "rw", "", 0, "",
            "config.jump_option"),
           ("Jump limit", U32, "ro", "T", 0, "pu", "special"),
@@ -318,8 +150,12 @@ _MAKER: tuple[Object, ...] = (
           ("Silence that is a missed SYNC where 1006h = 0", U16, "rw", "", 500, "ms", ""),
           ("607Dh counts: 0 as 607Ah, 1 less 607Ch", U8, "rw", "", 0, "",
            "config.software_from_home"),
+          ("Torque with which a hard stop is sought", U16, "rw", "", 300, "0.1 %",
+           "config.hard_stop_torque"),
+          ("Time at that torque that is a hard stop", U16, "rw", "", 50, "ms",
+           "config.hard_stop_time_ms"),
           code=9),
-    _many(0x2101, "Verdict on the targets",
+    many(0x2101, "Verdict on the targets",
           ("Write 0: begin again; targets judged", U32, "rw", "T", 0, "", "special"),
           ("Largest velocity", REAL, "ro", "", 0.0, "rev/s", "report.velocity_rev_s"),
           ("Largest acceleration", REAL, "ro", "", 0.0, "rev/s^2", "report.acceleration_rev_s2"),
@@ -337,106 +173,106 @@ _MAKER: tuple[Object, ...] = (
 )
 
 _PROFILE: tuple[Object, ...] = (
-    _var(0x6007, "Abort connection option code", I16, "rw", "", 1, "", "config.abort_option"),
-    _var(0x603F, "Error code", U16, "ro", "T", 0, "", "tx.error_code"),
-    _var(0x6040, "Controlword", U16, "rw", "R", 0, "", "rx.controlword"),
-    _var(0x6041, "Statusword", U16, "ro", "T", 0, "", "tx.statusword"),
-    _var(0x605A, "Quick stop option code", I16, "rw", "", 2, "", "config.quick_stop_option"),
-    _var(0x605B, "Shutdown option code", I16, "rw", "", 0, "", "config.shutdown_option"),
-    _var(0x605C, "Disable operation option code", I16, "rw", "", 1, "", "config.disable_option"),
-    _var(0x605D, "Halt option code", I16, "rw", "", 1, "", "config.halt_option"),
-    _var(0x605E, "Fault reaction option code", I16, "rw", "", 2, "", "config.fault_option"),
-    _var(0x6060, "Modes of operation", I8, "rw", "R", 0, "", "special"),
-    _var(0x6061, "Modes of operation display", I8, "ro", "T", 0, "", "tx.mode_display"),
-    _var(0x6062, "Position demand value", I32, "ro", "T", 0, "pu", "tx.position_demand"),
-    _var(0x6063, "Position actual internal", I32, "ro", "T", 0, "inc", "tx.position_internal"),
-    _var(0x6064, "Position actual value", I32, "ro", "T", 0, "pu", "tx.position_actual"),
-    _var(0x6065, "Following error window", U32, "rw", "", 1 << 24, "pu", "config.following_window"),
-    _var(0x6066, "Following error time out", U16, "rw", "", 0, "ms", "config.following_time_ms"),
-    _var(0x6067, "Position window", U32, "rw", "", 10, "pu", "config.position_window"),
-    _var(0x6068, "Position window time", U16, "rw", "", 100, "ms", "config.position_time_ms"),
-    _var(0x606B, "Velocity demand value", I32, "ro", "T", 0, "pu/s", "tx.velocity_demand"),
-    _var(0x606C, "Velocity actual value", I32, "ro", "T", 0, "pu/s", "tx.velocity_actual"),
-    _var(0x606D, "Velocity window", U16, "rw", "", 65535, "pu/s", "config.velocity_window"),
-    _var(0x606E, "Velocity window time", U16, "rw", "", 0, "ms", "config.velocity_time_ms"),
-    _var(0x606F, "Velocity threshold", U16, "rw", "", 65535, "pu/s", "config.velocity_threshold"),
-    _var(0x6070, "Velocity threshold time", U16, "rw", "", 0, "ms", "config.threshold_time_ms"),
-    _var(0x6071, "Target torque", I16, "rw", "R", 0, "0.1 %", "rx.target_torque"),
-    _var(0x6072, "Max torque", U16, "rw", "R", 3500, "0.1 %", "config.max_torque"),
-    _var(0x6073, "Max current", U16, "ro", "", 3512, "0.1 %", "special"),
-    _var(0x6074, "Torque demand value", I16, "ro", "T", 0, "0.1 %", "tx.torque_demand"),
-    _var(0x6075, "Motor rated current", U32, "ro", "", 2500, "mA", "special"),
-    _var(0x6076, "Motor rated torque", U32, "ro", "", 1270, "mNm", "special"),
-    _var(0x6077, "Torque actual value", I16, "ro", "T", 0, "0.1 %", "tx.torque_actual"),
-    _var(0x6078, "Current actual value", I16, "ro", "T", 0, "0.1 %", "tx.current_actual"),
-    _var(0x6079, "DC link circuit voltage", U32, "ro", "T", 325000, "mV", "tx.dc_link_mv"),
-    _var(0x607A, "Target position", I32, "rw", "R", 0, "pu", "special"),
-    _many(0x607B, "Position range limit",
+    var(0x6007, "Abort connection option code", I16, "rw", "", 1, "", "config.abort_option"),
+    var(0x603F, "Error code", U16, "ro", "T", 0, "", "tx.error_code"),
+    var(0x6040, "Controlword", U16, "rw", "R", 0, "", "rx.controlword"),
+    var(0x6041, "Statusword", U16, "ro", "T", 0, "", "tx.statusword"),
+    var(0x605A, "Quick stop option code", I16, "rw", "", 2, "", "config.quick_stop_option"),
+    var(0x605B, "Shutdown option code", I16, "rw", "", 0, "", "config.shutdown_option"),
+    var(0x605C, "Disable operation option code", I16, "rw", "", 1, "", "config.disable_option"),
+    var(0x605D, "Halt option code", I16, "rw", "", 1, "", "config.halt_option"),
+    var(0x605E, "Fault reaction option code", I16, "rw", "", 2, "", "config.fault_option"),
+    var(0x6060, "Modes of operation", I8, "rw", "R", 0, "", "special"),
+    var(0x6061, "Modes of operation display", I8, "ro", "T", 0, "", "tx.mode_display"),
+    var(0x6062, "Position demand value", I32, "ro", "T", 0, "pu", "tx.position_demand"),
+    var(0x6063, "Position actual internal", I32, "ro", "T", 0, "inc", "tx.position_internal"),
+    var(0x6064, "Position actual value", I32, "ro", "T", 0, "pu", "tx.position_actual"),
+    var(0x6065, "Following error window", U32, "rw", "", 1 << 24, "pu", "config.following_window"),
+    var(0x6066, "Following error time out", U16, "rw", "", 0, "ms", "config.following_time_ms"),
+    var(0x6067, "Position window", U32, "rw", "", 10, "pu", "config.position_window"),
+    var(0x6068, "Position window time", U16, "rw", "", 100, "ms", "config.position_time_ms"),
+    var(0x606B, "Velocity demand value", I32, "ro", "T", 0, "pu/s", "tx.velocity_demand"),
+    var(0x606C, "Velocity actual value", I32, "ro", "T", 0, "pu/s", "tx.velocity_actual"),
+    var(0x606D, "Velocity window", U16, "rw", "", 65535, "pu/s", "config.velocity_window"),
+    var(0x606E, "Velocity window time", U16, "rw", "", 0, "ms", "config.velocity_time_ms"),
+    var(0x606F, "Velocity threshold", U16, "rw", "", 65535, "pu/s", "config.velocity_threshold"),
+    var(0x6070, "Velocity threshold time", U16, "rw", "", 0, "ms", "config.threshold_time_ms"),
+    var(0x6071, "Target torque", I16, "rw", "R", 0, "0.1 %", "rx.target_torque"),
+    var(0x6072, "Max torque", U16, "rw", "R", 3500, "0.1 %", "config.max_torque"),
+    var(0x6073, "Max current", U16, "ro", "", 3512, "0.1 %", "special"),
+    var(0x6074, "Torque demand value", I16, "ro", "T", 0, "0.1 %", "tx.torque_demand"),
+    var(0x6075, "Motor rated current", U32, "ro", "", 2500, "mA", "special"),
+    var(0x6076, "Motor rated torque", U32, "ro", "", 1270, "mNm", "special"),
+    var(0x6077, "Torque actual value", I16, "ro", "T", 0, "0.1 %", "tx.torque_actual"),
+    var(0x6078, "Current actual value", I16, "ro", "T", 0, "0.1 %", "tx.current_actual"),
+    var(0x6079, "DC link circuit voltage", U32, "ro", "T", 325000, "mV", "tx.dc_link_mv"),
+    var(0x607A, "Target position", I32, "rw", "R", 0, "pu", "special"),
+    many(0x607B, "Position range limit",
           ("Min", I32, "idle", "", -(1 << 31), "pu", "config.range_min"),
           ("Max", I32, "idle", "", (1 << 31) - 1, "pu", "config.range_max")),
-    _var(0x607C, "Home offset", I32, "rw", "", 0, "pu", "config.home_offset"),
-    _many(0x607D, "Software position limit",
+    var(0x607C, "Home offset", I32, "rw", "", 0, "pu", "config.home_offset"),
+    many(0x607D, "Software position limit",
           ("Min", I32, "rw", "", 0, "pu", "config.software_min"),
           ("Max", I32, "rw", "", 0, "pu", "config.software_max")),
-    _var(0x607E, "Polarity", U8, "idle", "", 0, "", "config.polarity"),
-    _var(0x607F, "Max profile velocity", U32, "rw", "R", 1677721600, "pu/s",
+    var(0x607E, "Polarity", U8, "idle", "", 0, "", "config.polarity"),
+    var(0x607F, "Max profile velocity", U32, "rw", "R", 1677721600, "pu/s",
          "config.max_profile_velocity"),
-    _var(0x6080, "Max motor speed", U32, "idle", "", 6000, "rpm", "special"),
-    _var(0x6081, "Profile velocity", U32, "rw", "R", 167772160, "pu/s", "config.profile_velocity"),
-    _var(0x6083, "Profile acceleration", U32, "rw", "R", 1677721600, "pu/s^2",
+    var(0x6080, "Max motor speed", U32, "idle", "", 6000, "rpm", "special"),
+    var(0x6081, "Profile velocity", U32, "rw", "R", 167772160, "pu/s", "config.profile_velocity"),
+    var(0x6083, "Profile acceleration", U32, "rw", "R", 1677721600, "pu/s^2",
          "config.profile_acceleration"),
-    _var(0x6084, "Profile deceleration", U32, "rw", "R", 1677721600, "pu/s^2",
+    var(0x6084, "Profile deceleration", U32, "rw", "R", 1677721600, "pu/s^2",
          "config.profile_deceleration"),
-    _var(0x6085, "Quick stop deceleration", U32, "rw", "R", 4194304000, "pu/s^2",
+    var(0x6085, "Quick stop deceleration", U32, "rw", "R", 4194304000, "pu/s^2",
          "config.quick_stop_deceleration"),
-    _var(0x6086, "Motion profile type", I16, "ro", "", 3, "3: jerk-limited"),
-    _many(0x608F, "Position encoder resolution",
+    var(0x6086, "Motion profile type", I16, "ro", "", 3, "3: jerk-limited"),
+    many(0x608F, "Position encoder resolution",
           ("Increments", U32, "ro", "", 1 << 24, "inc", "config.encoder_increments"),
           ("Motor revolutions", U32, "ro", "", 1, "rev", "config.encoder_revolutions")),
-    _many(0x6090, "Velocity encoder resolution",
+    many(0x6090, "Velocity encoder resolution",
           ("Increments per second", U32, "ro", "", 1 << 24, "inc/s", "config.encoder_increments"),
           ("Motor revolutions per second", U32, "ro", "", 1, "rev/s",
            "config.encoder_revolutions")),
-    _many(0x6091, "Gear ratio",
+    many(0x6091, "Gear ratio",
           ("Motor revolutions", U32, "idle", "", 1, "rev", "config.gear_motor"),
           ("Shaft revolutions", U32, "idle", "", 1, "rev", "config.gear_shaft")),
-    _many(0x6092, "Feed constant",
+    many(0x6092, "Feed constant",
           ("Feed", U32, "idle", "", 1 << 24, "pu", "config.feed"),
           ("Shaft revolutions", U32, "idle", "", 1, "rev", "config.feed_shaft")),
-    _var(0x6098, "Homing method", I8, "rw", "R", 37, "", "config.homing_method"),
-    _many(0x6099, "Homing speeds",
+    var(0x6098, "Homing method", I8, "rw", "R", 37, "", "config.homing_method"),
+    many(0x6099, "Homing speeds",
           ("Search for switch", U32, "rw", "", 1 << 24, "pu/s", "config.homing_speed_switch"),
           ("Search for zero", U32, "rw", "", 1677721, "pu/s", "config.homing_speed_zero")),
-    _var(0x609A, "Homing acceleration", U32, "rw", "", 167772160, "pu/s^2",
+    var(0x609A, "Homing acceleration", U32, "rw", "", 167772160, "pu/s^2",
          "config.homing_acceleration"),
-    _var(0x60A3, "Profile jerk use", U8, "ro", "", 1),
-    _many(0x60A4, "Profile jerk",
+    var(0x60A3, "Profile jerk use", U8, "ro", "", 1),
+    many(0x60A4, "Profile jerk",
           ("Jerk", U32, "rw", "", 0xFFFFFFFF, "pu/s^3", "special")),
-    _var(0x60B0, "Position offset", I32, "rw", "R", 0, "pu", "rx.position_offset"),
-    _var(0x60B1, "Velocity offset", I32, "rw", "R", 0, "pu/s", "rx.velocity_offset"),
-    _var(0x60B2, "Torque offset", I16, "rw", "R", 0, "0.1 %", "rx.torque_offset"),
-    _many(0x60C2, "Interpolation time period",
+    var(0x60B0, "Position offset", I32, "rw", "R", 0, "pu", "rx.position_offset"),
+    var(0x60B1, "Velocity offset", I32, "rw", "R", 0, "pu/s", "rx.velocity_offset"),
+    var(0x60B2, "Torque offset", I16, "rw", "R", 0, "0.1 %", "rx.torque_offset"),
+    many(0x60C2, "Interpolation time period",
           ("Value", U8, "idle", "", 1, "s x 10^index", "special"),
           ("Index", I8, "idle", "", -3, "", "special"), code=9),
-    _var(0x60C5, "Max acceleration", U32, "rw", "R", 0xFFFFFFFF, "pu/s^2",
+    var(0x60C5, "Max acceleration", U32, "rw", "R", 0xFFFFFFFF, "pu/s^2",
          "config.max_acceleration"),
-    _var(0x60C6, "Max deceleration", U32, "rw", "R", 0xFFFFFFFF, "pu/s^2",
+    var(0x60C6, "Max deceleration", U32, "rw", "R", 0xFFFFFFFF, "pu/s^2",
          "config.max_deceleration"),
-    _var(0x60E0, "Positive torque limit", U16, "rw", "R", 3500, "0.1 %",
+    var(0x60E0, "Positive torque limit", U16, "rw", "R", 3500, "0.1 %",
          "config.torque_limit_positive"),
-    _var(0x60E1, "Negative torque limit", U16, "rw", "R", 3500, "0.1 %",
+    var(0x60E1, "Negative torque limit", U16, "rw", "R", 3500, "0.1 %",
          "config.torque_limit_negative"),
-    _many(0x60E3, "Supported homing methods",
-          *((f"Method {n}", I8, "ro", "", n, "", "") for n in (0, 17, 18, 33, 34, 35, 37))),
-    _var(0x60F2, "Positioning option code", U16, "rw", "", 0, "", "config.positioning_option"),
-    _var(0x60F4, "Following error actual value", I32, "ro", "T", 0, "pu", "tx.following_error"),
-    _var(0x60FC, "Position demand internal", I32, "ro", "T", 0, "inc", "tx.demand_internal"),
-    _var(0x60FD, "Digital inputs", U32, "ro", "T", 0, "", "tx.digital_inputs"),
-    _many(0x60FE, "Digital outputs",
+    many(0x60E3, "Supported homing methods",
+          *((f"Method {n}", I8, "ro", "", n, "", "") for n in HOMING_METHODS)),
+    var(0x60F2, "Positioning option code", U16, "rw", "", 0, "", "config.positioning_option"),
+    var(0x60F4, "Following error actual value", I32, "ro", "T", 0, "pu", "tx.following_error"),
+    var(0x60FC, "Position demand internal", I32, "ro", "T", 0, "inc", "tx.demand_internal"),
+    var(0x60FD, "Digital inputs", U32, "ro", "T", 0, "", "tx.digital_inputs"),
+    many(0x60FE, "Digital outputs",
           ("Physical outputs", U32, "rw", "R", 0, "", "rx.digital_outputs"),
           ("Bit mask", U32, "rw", "R", 0, "", "rx.output_mask")),
-    _var(0x60FF, "Target velocity", I32, "rw", "R", 0, "pu/s", "rx.target_velocity"),
-    _var(0x6502, "Supported drive modes", U32, "ro", "T", 0x000003A5),
+    var(0x60FF, "Target velocity", I32, "rw", "R", 0, "pu/s", "rx.target_velocity"),
+    var(0x6502, "Supported drive modes", U32, "ro", "T", 0x000003A5),
 )
 # fmt: on
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import shlex
 import subprocess
@@ -13,18 +14,17 @@ from pathlib import Path
 import can
 import pytest
 
-from helpers.canopen_judge import DEMANDS, NODE, Bench
+from helpers.canopen_judge import DEMANDS, NODE, REV, Bench
 from helpers.root import program
-from sjerk.cia402 import Drive
+from sjerk.cia402 import Drive, DriveConfig
 from sjerk.drive.device import Device
 from sjerk.ports.canopen import Node, sender
 
 
-@pytest.fixture
-def drive_on_virtual(tmp_path: Path) -> Iterator[tuple[str, Path]]:
+@contextlib.contextmanager
+def served(device: Device, tmp_path: Path) -> Iterator[tuple[str, Path]]:
     """A drive in a thread on a bus of its own: (channel, data sheet)."""
     channel = f"sjerk-{tmp_path.name}"
-    device = Device(Drive(), node_id=NODE)
     sheet = tmp_path / "drive.eds"
     sheet.write_text(device.data_sheet())
     stop = threading.Event()
@@ -35,6 +35,13 @@ def drive_on_virtual(tmp_path: Path) -> Iterator[tuple[str, Path]]:
         yield channel, sheet
         stop.set()
         thread.join()
+
+
+@pytest.fixture
+def drive_on_virtual(tmp_path: Path) -> Iterator[tuple[str, Path]]:
+    """The default drive, served."""
+    with served(Device(Drive(), node_id=NODE), tmp_path) as place:
+        yield place
 
 
 @pytest.mark.parametrize("path", ["PDO", "SDO"])
@@ -49,6 +56,38 @@ def test_base_node_402_is_satisfied_in_one_process(
         DEMANDS[demand](bench)
     finally:
         bench.close()
+
+
+@pytest.mark.parametrize(
+    ("method", "home"), [(1, 0.0), (11, 1.0), (24, 0.35), (26, 0.65), (-4, -1.5)]
+)
+def test_base_node_402_homes_by_switches_and_stops(
+    method: int, home: float, tmp_path: Path
+) -> None:
+    """`homing()` of the unmodified master: the method by SDO, the place as the page has it."""
+    config = DriveConfig(
+        switch_negative_rev=-0.7 if method > 0 else -1e9,
+        switch_positive_rev=1.4,
+        switch_home_rev=0.35,
+        switch_home_end_rev=0.65,
+        hard_stop_negative_rev=-1.5,
+    )
+    with served(Device(Drive(config), node_id=NODE), tmp_path) as (channel, sheet):
+        bench = Bench("virtual", channel, sheet, by_pdo=True)
+        try:
+            bench.start()
+            sdo = bench.node.sdo
+            sdo[0x6098].raw = method
+            sdo[0x6099][1].raw = 4 * REV
+            sdo[0x6099][2].raw = 2 * REV
+            sdo[0x609A].raw = 60 * REV
+            sdo[0x607C].raw = -321
+            assert bench.node.homing(timeout=20)
+            bench.wait(
+                lambda: abs(sdo[0x6063].raw - sdo[0x6064].raw - 321 - round(home * REV)) <= 2
+            )
+        finally:
+            bench.close()
 
 
 NAMESPACE = ["unshare", "-Urn", "sh", "-c"]

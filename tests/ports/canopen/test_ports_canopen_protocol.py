@@ -15,7 +15,8 @@ import pytest
 from sjerk.__main__ import main
 from sjerk.cia402 import Drive, DriveState
 from sjerk.drive.device import Device
-from sjerk.drive.objects import DISABLED, Abort
+from sjerk.drive.entries import Abort
+from sjerk.drive.objects import DISABLED
 from sjerk.ports.canopen import NmtState, Node, SdoServer
 
 NODE = 5

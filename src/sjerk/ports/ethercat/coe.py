@@ -16,7 +16,7 @@ import enum
 import struct
 from typing import NamedTuple
 
-from sjerk.drive.objects import Abort, SdoError, Type
+from sjerk.drive.entries import Abort, SdoError, Type
 from sjerk.ports.ethercat.dictionary import Dictionary
 
 HEADER = 6

@@ -15,7 +15,8 @@ import struct
 from collections.abc import Iterable
 from typing import NamedTuple
 
-from sjerk.drive.objects import DUMMIES, OBJECTS, Abort, Object, ObjectEntry, SdoError, Type
+from sjerk.drive.entries import Abort, Object, ObjectEntry, SdoError, Type
+from sjerk.drive.objects import DUMMIES, OBJECTS
 from sjerk.ports.ethercat.behaviours import Behaviour, Words
 from sjerk.ports.ethercat.servo import WireDevice
 

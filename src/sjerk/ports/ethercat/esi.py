@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections import Counter
 from xml.etree import ElementTree as Xml
 
-from sjerk.drive.objects import Object, ObjectEntry, Type
+from sjerk.drive.entries import Object, ObjectEntry, Type
 from sjerk.ports.ethercat.behaviours import Behaviour, Words
 from sjerk.ports.ethercat.dictionary import REVISION, VENDOR, Dictionary
 from sjerk.ports.ethercat.sii import SIZE, areas

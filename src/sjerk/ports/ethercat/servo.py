@@ -12,7 +12,7 @@ from typing import Any
 
 from sjerk._binding import ffi, lib
 from sjerk.drive import Device, Drive, DriveConfig, DriveFeedback, StatusWord
-from sjerk.drive.objects import ObjectEntry
+from sjerk.drive.entries import ObjectEntry
 
 _TX_FIELDS = DriveFeedback._fields[1:]
 _SPECIAL = {0x607A: "target_position", 0x6060: "mode"}

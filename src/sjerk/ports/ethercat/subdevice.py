@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 from sjerk._binding import ffi, lib
 from sjerk.drive import DriveConfig, DriveConfigError, DriveFault, DriveState
-from sjerk.drive.objects import SdoError
+from sjerk.drive.entries import SdoError
 from sjerk.ports.ethercat.behaviours import Behaviour
 from sjerk.ports.ethercat.coe import HEADER, CoeServer, Mail
 from sjerk.ports.ethercat.dictionary import Dictionary, Layout, Mapped
