@@ -23,6 +23,10 @@ enum { W = SJ_ARROW_WIDTH, B = SJ_ARROW_BORDER };
 /* Share of the way to the nearest bound that a step takes, and what every unknown is held by. */
 static const double BOUNDARY = 0.995, HOLD = 1e-11;
 
+/* A row missed by less is met: rounding of rows whose coefficients are 10^5. A step shorter than this is
+ * followed by one to the middle: some product s z was far behind the others. */
+static const double MISSED = 4e-10, SHORT = 0.1;
+
 /* A bound of every row: value of the row with its border, slack, multiplier, their steps, 1 / slack, what
  * s z is to change by, and what the slack is wrong by. */
 typedef struct {
@@ -39,6 +43,7 @@ typedef struct {
     double C[B][B];
     double *dx, *grad; /* (n + B) */
     double *y;         /* (rows): without their border */
+    double step;       /* the last one's length */
     side of[2];
 } work;
 
@@ -288,16 +293,16 @@ static void advance(work *w, double sum, double bounds)
                 after += (o->s[r] + step * o->ds[r]) * (o->z[r] + step * o->dz[r]);
         }
         sigma = after / sum;
-        sigma = sigma * sigma * sigma;
+        sigma = w->step < SHORT ? 1.0 : sigma * sigma * sigma;
         for (int k = 0; k < 2; k++) {
             side *o = &w->of[k];
             for (int64_t r = 0; r < p->rows; r++)
                 if (o->z[r] > 0.0)
-                    o->c[r] += sigma * mu - o->ds[r] * o->dz[r];
+                    o->c[r] += sigma * mu - (w->step < SHORT ? 0.0 : o->ds[r] * o->dz[r]);
         }
         direction(w);
     }
-    step = fmin(1.0, BOUNDARY * longest(w));
+    step = w->step = fmin(1.0, BOUNDARY * longest(w));
     for (int64_t i = 0; i < w->n + B; i++)
         p->x[i] += step * w->dx[i];
     for (int k = 0; k < 2; k++) {
@@ -333,7 +338,7 @@ static void divide(work *w)
 
 int32_t sj_arrow_solve(const sj_arrow *p)
 {
-    work w = {.p = p, .n = p->unknowns};
+    work w = {.p = p, .n = p->unknowns, .step = 1.0};
     double bounds = 0.0;
     divide(&w);
     evaluate(&w);
@@ -350,7 +355,7 @@ int32_t sj_arrow_solve(const sj_arrow *p)
         p->told[0] = round, p->told[1] = wrong, p->told[2] = sum, p->told[3] = steep;
         if (!(wrong < 1e300) || !(sum < 1e300))
             return SJ_ARROW_LOST;
-        if (wrong <= 1e-3 * p->near && sum <= p->near &&
+        if (wrong <= MISSED && sum <= p->near &&
             (steep <= 1e-6 * size || sum <= 1e-3 * p->near))
             return SJ_ARROW_OK;
         if (round == p->most)

@@ -47,6 +47,10 @@ from sjerk.trajectory.window import (
 _FEWEST = 8
 #: Finer knots, and cycles more: what is tried where the own time nearly keeps the limits.
 _LADDER = ((2.0, 1), (4.0, 1), (4.0, 2), (8.0, 2), (4.0, 4), (4.0, 10))
+#: Way-points that are looked at together, to begin with.
+_SOME = 64
+#: A window is so many times as long as it was estimated to be, at most.
+_MOST = 16.0
 #: A pace that is no start: way-points that these knots cannot tell apart.
 _LOST = 1e3
 #: A stretch for which finer knots are worth trying.
@@ -122,38 +126,59 @@ class _Source:
         self._start = self._latest = float(first.time[0])
         self.done = False
         self._speed: FloatArray | None = None  # of the last way-point
+        self.table = limits_per_cycle(self.limits, T)
         self._check(first, begin is not None)
         state = Knot.rest(first.position[0]) if begin is None else begin
         self.window = Window(self.names, T, state)
-        self._held = first.take(np.arange(1, len(first))) if len(first) > 1 else None
-        self._total = 1
+        self._piece, self._used = first, 1
+        self._total = len(first)
 
     def fill(self, cycles: float) -> None:
-        """Way-points of so many cycles from here on, if there are so many."""
+        """Way-points of so many cycles from here on, if there are so many.
+
+        By the time that they take: what was asked, or what the limits need where that is more.
+        """
         window = self.window
-        while not self.done and float(window.gaps.sum()) - window.over < cycles:
-            piece = self._held or next(self._pieces, None)
+        last, known = window.state.position, -window.over
+        if len(window):
+            known += self._cycles(np.concatenate([last[None], window.points]), window.gaps).sum()
+            last = window.points[-1]
+        more = _SOME
+        while not self.done and known < cycles:
+            piece = self._next()
             if piece is None:
                 self.done = True
                 self._end()
                 return
-            if self._held is None:
-                self._check(piece, True)
-            self._held = None
-            moments = (piece.time - self._start) / self._T
-            before = (self._latest - self._start) / self._T
-            if moments[-1] > CYCLES_MAX:
+            some = slice(self._used, self._used + more)
+            time, points = piece.time[some], piece.position[some]
+            gaps = np.diff(time, prepend=self._latest) / self._T
+            taken = known + np.cumsum(self._cycles(np.concatenate([last[None], points]), gaps))
+            count = min(int(np.searchsorted(taken, cycles)) + 1, len(time))
+            self._used += count
+            if (time[-1] - self._start) / self._T > CYCLES_MAX:
                 raise InputError("time", piece.duration, f"lasts more than {CYCLES_MAX} cycles")
-            window.add(
-                piece.position,
-                np.diff(moments, prepend=before),
-                piece.velocity * self._T
-                if self.velocities and piece.velocity is not None
-                else None,
-            )
-            self._latest = float(piece.time[-1])
-            self._speed = None if piece.velocity is None else piece.velocity[-1]
+            speeds = None if piece.velocity is None else piece.velocity[some][:count]
+            self._speed = None if speeds is None else speeds[-1]
+            speeds = speeds * self._T if self.velocities and speeds is not None else None
+            window.add(points[:count], gaps[:count], speeds)
+            self._latest = float(time[count - 1])
+            known, last = float(taken[count - 1]), points[count - 1]
+            more *= 2
+
+    def _cycles(self, rows: FloatArray, asked: FloatArray) -> FloatArray:
+        return np.maximum(_least_gaps(rows, self.table), asked)
+
+    def _next(self) -> Trajectory | None:
+        """The piece of which way-points are left, else the next one, checked."""
+        if self._used == len(self._piece):
+            piece = next(self._pieces, None)
+            if piece is None:
+                return None
+            self._check(piece, True)
+            self._piece, self._used = piece, 0
             self._total += len(piece)
+        return self._piece
 
     def _check(self, piece: Trajectory, moving: bool) -> None:
         total = self._total
@@ -204,18 +229,22 @@ def _windows(
     begin: Knot | None,
 ) -> Iterator[Followed]:
     source = _Source(pieces, limits, T, use_velocities, begin)
-    window, table = source.window, limits_per_cycle(source.limits, T)
-    box, stop = ranges(source.limits), stop_of(limits_per_cycle(source.limits, T))
+    window, table = source.window, source.table
+    box, stop = ranges(source.limits), stop_of(table)
     near = tolerances(tolerance, len(table))
     planner = Timed(table, box, near, use_velocities=source.velocities)
     keep = max(HAND_OUT * stop, 64.0)
+    more = 1.0  # the estimate is rough: by so much the windows are longer
     while True:
-        source.fill(keep + lookahead * stop)
+        source.fill(more * (keep + lookahead * stop))
         if not len(window):
             return
         plan = planner.plan(window, source.done)
-        cut = np.inf if source.done else max(plan.knots.duration - (lookahead + 1.5) * stop, 1.0)
-        yield window.hand_out(plan, cut)
+        cut = plan.knots.duration - (lookahead + 1.5) * stop
+        if not source.done and cut < keep / 3.0 and more < _MOST:
+            more *= min(1.2 * (keep + lookahead * stop) / (cut + lookahead * stop), _MOST)
+            continue
+        yield window.hand_out(plan, np.inf if source.done else max(cut, 0.2 * plan.knots.duration))
 
 
 class Timed:
@@ -243,7 +272,7 @@ class Timed:
         if ends:
             length = max(int(np.ceil(total - 1e-6)) - 1, _FEWEST)
         else:
-            length = int(np.ceil(asked[-1] + 1.5 * self._stop))
+            length = max(int(np.ceil(asked[-1] + 1.5 * self._stop)), _FEWEST)
         knots, answer = self._own_time(task, asked, window.left, length, 1.0) or self._later(
             task, asked, window, length
         )
@@ -272,9 +301,11 @@ class Timed:
     def _knots(self, left: IntArray, length: int, finer: float) -> Knots:
         most = max(min(self._spacing, length / 40.0), 2.0)
         lengths = going_on(left, length, min(most, length / _FEWEST))
-        if len(lengths) < _FEWEST:
-            finer = max(finer, 2.0)
-        return Knots(split(lengths, max(most / finer, 2.0)) if finer > 1.0 else lengths)
+        if finer > 1.0:
+            lengths = split(lengths, max(most / finer, 2.0))
+        if len(lengths) < _FEWEST:  # what was left is coarse
+            lengths = split(lengths, length / (2.0 * _FEWEST))
+        return Knots(lengths)
 
     def _own_time(
         self,

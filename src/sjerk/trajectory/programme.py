@@ -325,7 +325,7 @@ class Programme:
         self._unit = unit
 
     def _positions(self) -> None:
-        """Bezier points of the commanded q = P + 5/24 A inside, those beside each knot."""
+        """Bezier points of the commanded q = P + 5/24 A inside, beside each knot and at it."""
         task, knots = self._task, self._knots
         if task.box is None:
             return
@@ -339,6 +339,7 @@ class Programme:
         left[:, 1:] += place[1:] - r * speed[1:]
         self._stencil(right, first, one, low, high)
         self._stencil(left, first, one, low, high)
+        self._stencil(place, np.arange(len(place)), one, low, high)
 
     # ---- the answer
 
@@ -395,7 +396,7 @@ class Programme:
         self.told, status = _solve(columns, gradient, x, near, steps)
         if status == lib.SJ_ARROW_LOST or not np.isfinite(x).all():
             return None
-        missed = 1e-7 if task.box is None else 0.8 * _INSIDE
+        missed = 0.8 * (_ROOM if task.box is None else _INSIDE)
         if status != lib.SJ_ARROW_OK and not self.told[1] < missed:
             return None
         new = float(x[-2]) if self._paced else pace
