@@ -24,16 +24,19 @@ enum { W = SJ_ARROW_WIDTH, B = SJ_ARROW_BORDER };
 static const double BOUNDARY = 0.995, HOLD = 1e-11;
 
 /* A row missed by less is met: rounding of rows whose coefficients are 10^5. A step shorter than this is
- * followed by one to the middle: some product s z was far behind the others. */
-static const double MISSED = 4e-10, SHORT = 0.1;
+ * followed by one to the middle. A product s z stays above this share of their mean: slacks smaller than
+ * the rounding of their rows would hold up all steps. */
+static const double MISSED = 4e-10, SHORT = 0.1, BEHIND = 1e-3;
 
-/* A bound of every row: value of the row with its border, slack, multiplier, their steps, 1 / slack, what
- * s z is to change by, and what the slack is wrong by. */
+/* Exact way-points make rows 10^16 times as stiff as others: what is left of a diagonal below this share of
+ * it is rounding, and is replaced by another, so that the step stays along the others. */
+static const double ROUNDING = 1e-14, DEPENDENT = 1e-10;
+
+/* A bound of a row: slack and multiplier (0: there is no bound), their steps, 1 / slack, what s z is to
+ * change by, and what the slack is wrong by. */
 typedef struct {
-    double sign; /* 1: low, -1: high */
-    const double *bound, *beside;
-    double *y, *s, *z, *ds, *dz, *over, *c, *r;
-} side;
+    double s, z, ds, dz, over, c, r;
+} bound;
 
 typedef struct {
     const sj_arrow *p;
@@ -41,20 +44,30 @@ typedef struct {
     double *L; /* (n, band + 1): column j from its diagonal down */
     double *M; /* (n, B) */
     double C[B][B];
+    double *size;      /* (n): of the diagonal before it is eliminated */
     double *dx, *grad; /* (n + B) */
-    double *y;         /* (rows): without their border */
+    bound *of;         /* (rows, 2): low, high */
     double step;       /* the last one's length */
-    side of[2];
+    double longest; /* the step that leaves slacks and multipliers positive, up to 1 / BOUNDARY */
+    double least;   /* what a product s z is raised to */
+    double first, second; /* of the sum of s z along the step */
 } work;
 
-enum { PER_SIDE = 8 };
+static const double SIGN[2] = {1.0, -1.0};
+
+enum { PER_BOUND = (int)(sizeof(bound) / sizeof(double)) };
 
 int64_t sj_arrow_spare(int64_t unknowns, int32_t band, int64_t rows)
 {
-    return unknowns * (band + 1 + B) + 2 * (unknowns + B) + (1 + 2 * PER_SIDE) * rows;
+    return unknowns * (band + 2 + B) + 2 * (unknowns + B) + 2 * PER_BOUND * rows;
 }
 
-static int is_there(const side *o, int64_t r) { return o->bound[r] * o->sign > -INFINITY; }
+static double limit(const sj_arrow *p, int64_t r, int k) { return k == 0 ? p->low[r] : p->high[r]; }
+
+static const double *border(const sj_arrow *p, int64_t r, int k)
+{
+    return (k == 0 ? p->beside_low : p->beside_high) + r * B;
+}
 
 static double product(const sj_arrow *p, int64_t r, const double *x)
 {
@@ -62,11 +75,6 @@ static double product(const sj_arrow *p, int64_t r, const double *x)
     const double *value = p->value + r * W;
     return value[0] * x[at[0]] + value[1] * x[at[1]] + value[2] * x[at[2]] + value[3] * x[at[3]] +
            value[4] * x[at[4]];
-}
-
-static double beside(const side *o, int64_t r, const double *tail)
-{
-    return o->beside[r * B] * tail[0] + o->beside[r * B + 1] * tail[1];
 }
 
 static void gather(const sj_arrow *p, int64_t r, double share, double *out)
@@ -79,49 +87,45 @@ static void gather(const sj_arrow *p, int64_t r, double share, double *out)
 
 /* ---- the matrix of a step -------------------------------------------------------------------- */
 
-static void assemble(work *w)
+static void assemble(work *w, int64_t r)
 {
     const sj_arrow *p = w->p;
     int64_t stride = p->band + 1;
-    memset(w->L, 0, (size_t)(w->n * stride) * sizeof(double));
-    memset(w->M, 0, (size_t)(w->n * B) * sizeof(double));
-    memset(w->C, 0, sizeof w->C);
-    for (int64_t r = 0; r < p->rows; r++) {
-        const int32_t *at = p->at + r * W;
-        const double *value = p->value + r * W;
-        double o = p->weight[r], m0 = 0.0, m1 = 0.0;
-        for (int k = 0; k < 2; k++) {
-            const side *f = &w->of[k];
-            const double *b = f->beside + r * B;
-            double q = f->z[r] * f->over[r];
-            o += q;
-            m0 += q * b[0];
-            m1 += q * b[1];
-            w->C[0][0] += q * b[0] * b[0];
-            w->C[1][0] += q * b[1] * b[0];
-            w->C[1][1] += q * b[1] * b[1];
-        }
-        for (int i = 0; i < W; i++) {
-            double s = o * value[i], *column = w->L + at[i] * stride - at[i];
-            if (value[i] == 0.0)
-                continue;
-            for (int k = i; k < W; k++)
-                column[at[k]] += s * value[k];
-            w->M[at[i] * B] += m0 * value[i];
-            w->M[at[i] * B + 1] += m1 * value[i];
-        }
+    const int32_t *at = p->at + r * W;
+    const double *value = p->value + r * W;
+    double o = p->weight[r], m0 = 0.0, m1 = 0.0;
+    for (int k = 0; k < 2; k++) {
+        const double *b = border(p, r, k);
+        double q = w->of[2 * r + k].z * w->of[2 * r + k].over;
+        o += q;
+        m0 += q * b[0];
+        m1 += q * b[1];
+        w->C[0][0] += q * b[0] * b[0];
+        w->C[1][0] += q * b[1] * b[0];
+        w->C[1][1] += q * b[1] * b[1];
+    }
+    for (int i = 0; i < W; i++) {
+        double s = o * value[i], *column = w->L + at[i] * stride - at[i];
+        if (value[i] == 0.0)
+            continue;
+        for (int k = i; k < W; k++)
+            column[at[k]] += s * value[k];
+        w->M[at[i] * B] += m0 * value[i];
+        w->M[at[i] * B + 1] += m1 * value[i];
     }
 }
 
 static void factorise(work *w)
 {
     int64_t band = w->p->band, stride = band + 1;
+    for (int64_t j = 0; j < w->n; j++)
+        w->size[j] = w->L[j * stride];
     for (int64_t j = 0; j < w->n; j++) {
         double *column = w->L + j * stride, *m = w->M + j * B;
         double diagonal = column[0] + HOLD, over;
         int64_t depth = w->n - 1 - j < band ? w->n - 1 - j : band;
-        if (!(diagonal > 1e-300))
-            diagonal = 1e300;
+        if (!(diagonal > ROUNDING * w->size[j]))
+            diagonal = DEPENDENT * w->size[j] + HOLD;
         column[0] = sqrt(diagonal);
         over = 1.0 / column[0];
         for (int64_t i = 1; i <= depth; i++)
@@ -176,178 +180,174 @@ static void solve(const work *w, double *x)
 
 /* ---- slacks and multipliers ------------------------------------------------------------------ */
 
-static void evaluate(work *w)
+/* Slacks and multipliers to begin with; how many bounds there are. */
+static double begin(work *w)
 {
     const sj_arrow *p = w->p;
     const double *tail = p->x + w->n;
+    double count = 0.0;
     for (int64_t r = 0; r < p->rows; r++) {
-        w->y[r] = product(p, r, p->x);
-        for (int k = 0; k < 2; k++)
-            w->of[k].y[r] = w->y[r] + beside(&w->of[k], r, tail);
-    }
-}
-
-static void begin(work *w, double mu)
-{
-    for (int k = 0; k < 2; k++) {
-        side *o = &w->of[k];
-        for (int64_t r = 0; r < w->p->rows; r++) {
-            int there = is_there(o, r);
-            o->s[r] = there ? fmax(o->sign * (o->y[r] - o->bound[r]), 1.0) : 1.0;
-            o->z[r] = there ? mu : 0.0;
+        double y = product(p, r, p->x);
+        for (int k = 0; k < 2; k++) {
+            bound *o = w->of + 2 * r + k;
+            const double *b = border(p, r, k);
+            double most = limit(p, r, k);
+            int there = most * SIGN[k] > -INFINITY;
+            memset(o, 0, sizeof *o);
+            o->s = there ? fmax(SIGN[k] * (y + b[0] * tail[0] + b[1] * tail[1] - most), 1.0) : 1.0;
+            o->z = there ? p->begin : 0.0;
+            count += there;
         }
     }
+    return count;
 }
 
-/* Gradient of the Lagrangian, wrongness, and 1 / slack; the sum of s z. */
-static double look(work *w, double *wrong)
+/* A step's end: slacks and multipliers, what they are wrong by, the gradient of the Lagrangian, the matrix
+ * and the right side (dx) for products s z of 0. The sum of s z. */
+static double look(work *w, double step, double *wrong)
 {
     const sj_arrow *p = w->p;
-    double sum = 0.0, *tail = w->grad + w->n;
+    const double *x = p->x + w->n;
+    double sum = 0.0, *tail = w->grad + w->n, *side = w->dx + w->n;
     memcpy(w->grad, p->gradient, (size_t)(w->n + B) * sizeof(double));
+    memset(w->dx, 0, (size_t)(w->n + B) * sizeof(double));
+    memset(w->L, 0, (size_t)(w->n * (p->band + 1)) * sizeof(double));
+    memset(w->M, 0, (size_t)(w->n * B) * sizeof(double));
+    memset(w->C, 0, sizeof w->C);
     *wrong = 0.0;
     for (int64_t r = 0; r < p->rows; r++) {
-        double share = p->weight[r] * (w->y[r] - p->target[r]);
+        double y = product(p, r, p->x), share = p->weight[r] * (y - p->target[r]), right = 0.0;
         for (int k = 0; k < 2; k++) {
-            side *o = &w->of[k];
-            double z = o->sign * o->z[r];
-            o->over[r] = 1.0 / o->s[r];
-            o->r[r] = is_there(o, r) ? o->sign * (o->y[r] - o->bound[r]) - o->s[r] : 0.0;
-            if (fabs(o->r[r]) > *wrong)
-                *wrong = fabs(o->r[r]);
-            sum += o->s[r] * o->z[r];
+            bound *o = w->of + 2 * r + k;
+            const double *b = border(p, r, k);
+            double z, q;
+            if (o->z == 0.0)
+                continue;
+            o->s += step * o->ds;
+            o->z += step * o->dz;
+            if (o->s * o->z < w->least) {
+                if (o->s < o->z)
+                    o->s = w->least / o->z;
+                else
+                    o->z = w->least / o->s;
+            }
+            o->over = 1.0 / o->s;
+            o->r = SIGN[k] * (y + b[0] * x[0] + b[1] * x[1] - limit(p, r, k)) - o->s;
+            if (!(fabs(o->r) <= *wrong))
+                *wrong = fabs(o->r);
+            sum += o->s * o->z;
+            z = SIGN[k] * o->z;
+            q = -z * (1.0 + o->r * o->over);
             share -= z;
-            tail[0] -= z * o->beside[r * B];
-            tail[1] -= z * o->beside[r * B + 1];
+            right += q;
+            tail[0] -= z * b[0];
+            tail[1] -= z * b[1];
+            side[0] += q * b[0];
+            side[1] += q * b[1];
         }
         if (share != 0.0)
             gather(p, r, share, w->grad);
+        if (right != 0.0)
+            gather(p, r, right, w->dx);
+        assemble(w, r);
     }
     return sum;
 }
 
-/* The step for what s z is to become (c). */
-static void direction(work *w)
+/* What slacks and multipliers do along dx, where products change by c. */
+static void follow(work *w, int corrected)
+{
+    const sj_arrow *p = w->p;
+    const double *tail = w->dx + w->n;
+    double most = 1.0 / BOUNDARY;
+    w->first = w->second = 0.0;
+    for (int64_t r = 0; r < p->rows; r++) {
+        double dy = product(p, r, w->dx);
+        for (int k = 0; k < 2; k++) {
+            bound *o = w->of + 2 * r + k;
+            const double *b = border(p, r, k);
+            if (o->z == 0.0)
+                continue;
+            if (!corrected)
+                o->c = -o->s * o->z;
+            o->ds = SIGN[k] * (dy + b[0] * tail[0] + b[1] * tail[1]) + o->r;
+            o->dz = (o->c - o->z * o->ds) * o->over;
+            if (o->ds * most < -o->s)
+                most = -o->s / o->ds;
+            if (o->dz * most < -o->z)
+                most = -o->z / o->dz;
+            w->first += o->s * o->dz + o->z * o->ds;
+            w->second += o->ds * o->dz;
+        }
+    }
+    w->longest = most;
+}
+
+/* The right side (dx) where products s z are to come to `middle`; with the second order of the step before. */
+static void correct(work *w, double middle, double second)
 {
     const sj_arrow *p = w->p;
     double *tail = w->dx + w->n;
-    for (int64_t i = 0; i < w->n + B; i++)
-        w->dx[i] = -w->grad[i];
+    memset(w->dx, 0, (size_t)(w->n + B) * sizeof(double));
     for (int64_t r = 0; r < p->rows; r++) {
         double share = 0.0;
         for (int k = 0; k < 2; k++) {
-            const side *o = &w->of[k];
-            double q = o->sign * (o->c[r] - o->z[r] * o->r[r]) * o->over[r];
+            bound *o = w->of + 2 * r + k;
+            const double *b = border(p, r, k);
+            double q;
+            if (o->z == 0.0)
+                continue;
+            o->c = middle - o->s * o->z - second * o->ds * o->dz;
+            q = SIGN[k] * (o->c - o->z * o->r) * o->over;
             share += q;
-            tail[0] += q * o->beside[r * B];
-            tail[1] += q * o->beside[r * B + 1];
+            tail[0] += q * b[0];
+            tail[1] += q * b[1];
         }
         if (share != 0.0)
             gather(p, r, share, w->dx);
     }
-    solve(w, w->dx);
-    for (int64_t r = 0; r < p->rows; r++) {
-        double dy = product(p, r, w->dx);
-        for (int k = 0; k < 2; k++) {
-            side *o = &w->of[k];
-            if (o->z[r] == 0.0)
-                continue;
-            o->ds[r] = o->sign * (dy + beside(o, r, tail)) + o->r[r];
-            o->dz[r] = (o->c[r] - o->z[r] * o->ds[r]) * o->over[r];
-        }
-    }
 }
 
-/* The longest step, up to 1 / BOUNDARY, that leaves slacks and multipliers positive. */
-static double longest(const work *w)
+static void direction(work *w, int corrected)
 {
-    double most = 1.0 / BOUNDARY;
-    for (int k = 0; k < 2; k++) {
-        const side *o = &w->of[k];
-        for (int64_t r = 0; r < w->p->rows; r++) {
-            if (o->ds[r] * most < -o->s[r])
-                most = -o->s[r] / o->ds[r];
-            if (o->dz[r] * most < -o->z[r])
-                most = -o->z[r] / o->dz[r];
-        }
-    }
-    return most;
+    for (int64_t i = 0; i < w->n + B; i++)
+        w->dx[i] -= w->grad[i];
+    solve(w, w->dx);
+    follow(w, corrected);
 }
 
-/* Predictor, corrector, and the step itself; the gap is `sum` over `bounds` products. */
+/* Predictor, corrector, and the step of x; the gap is `sum` over `bounds` products. */
 static void advance(work *w, double sum, double bounds)
 {
-    const sj_arrow *p = w->p;
-    double step, after = 0.0, mu = sum / fmax(bounds, 1.0), sigma;
-    assemble(w);
     factorise(w);
-    for (int k = 0; k < 2; k++)
-        for (int64_t r = 0; r < p->rows; r++)
-            w->of[k].c[r] = -w->of[k].s[r] * w->of[k].z[r];
-    direction(w);
+    direction(w, 0);
     if (bounds > 0.0) {
-        step = fmin(1.0, longest(w));
-        for (int k = 0; k < 2; k++) {
-            const side *o = &w->of[k];
-            for (int64_t r = 0; r < p->rows; r++)
-                after += (o->s[r] + step * o->ds[r]) * (o->z[r] + step * o->dz[r]);
-        }
-        sigma = after / sum;
-        sigma = w->step < SHORT ? 1.0 : sigma * sigma * sigma;
-        for (int k = 0; k < 2; k++) {
-            side *o = &w->of[k];
-            for (int64_t r = 0; r < p->rows; r++)
-                if (o->z[r] > 0.0)
-                    o->c[r] += sigma * mu - (w->step < SHORT ? 0.0 : o->ds[r] * o->dz[r]);
-        }
-        direction(w);
+        double step = fmin(1.0, w->longest);
+        double sigma = (sum + step * (w->first + step * w->second)) / sum;
+        int near = w->step >= SHORT;
+        correct(w, (near ? sigma * sigma * sigma : 1.0) * sum / bounds, near ? 1.0 : 0.0);
+        direction(w, 1);
     }
-    step = w->step = fmin(1.0, BOUNDARY * longest(w));
+    w->step = fmin(1.0, BOUNDARY * w->longest);
+    if (bounds > 0.0)
+        w->least = BEHIND * (sum + w->step * (w->first + w->step * w->second)) / bounds;
     for (int64_t i = 0; i < w->n + B; i++)
-        p->x[i] += step * w->dx[i];
-    for (int k = 0; k < 2; k++) {
-        side *o = &w->of[k];
-        for (int64_t r = 0; r < p->rows; r++) {
-            o->s[r] += step * o->ds[r];
-            o->z[r] += step * o->dz[r];
-        }
-    }
-    evaluate(w);
-}
-
-static void divide(work *w)
-{
-    const sj_arrow *p = w->p;
-    double *next = p->spare;
-    w->L = next, next += w->n * (p->band + 1);
-    w->M = next, next += w->n * B;
-    w->dx = next, next += w->n + B;
-    w->grad = next, next += w->n + B;
-    w->y = next, next += p->rows;
-    memset(next, 0, (size_t)(2 * PER_SIDE * p->rows) * sizeof(double));
-    for (int k = 0; k < 2; k++) {
-        side *o = &w->of[k];
-        double **column[PER_SIDE] = {&o->y, &o->s, &o->z, &o->ds, &o->dz, &o->over, &o->c, &o->r};
-        o->sign = k == 0 ? 1.0 : -1.0;
-        o->bound = k == 0 ? p->low : p->high;
-        o->beside = k == 0 ? p->beside_low : p->beside_high;
-        for (int i = 0; i < PER_SIDE; i++)
-            *column[i] = next, next += p->rows;
-    }
+        w->p->x[i] += w->step * w->dx[i];
 }
 
 int32_t sj_arrow_solve(const sj_arrow *p)
 {
     work w = {.p = p, .n = p->unknowns, .step = 1.0};
-    double bounds = 0.0;
-    divide(&w);
-    evaluate(&w);
-    begin(&w, p->begin);
-    for (int k = 0; k < 2; k++)
-        for (int64_t r = 0; r < p->rows; r++)
-            bounds += is_there(&w.of[k], r);
-    for (int32_t round = 0;; round++) {
-        double wrong, sum = look(&w, &wrong), steep = 0.0, size = 1.0;
+    double bounds, *next = p->spare, step = 0.0;
+    w.L = next, next += w.n * (p->band + 1);
+    w.M = next, next += w.n * B;
+    w.size = next, next += w.n;
+    w.dx = next, next += w.n + B;
+    w.grad = next, next += w.n + B;
+    w.of = (bound *)(void *)next;
+    bounds = begin(&w);
+    for (int32_t round = 0;; round++, step = w.step) {
+        double wrong, sum = look(&w, step, &wrong), steep = 0.0, size = 1.0;
         for (int64_t i = 0; i < w.n + B; i++) {
             steep = fmax(steep, fabs(w.grad[i]));
             size = fmax(size, fabs(p->gradient[i]));
@@ -355,8 +355,7 @@ int32_t sj_arrow_solve(const sj_arrow *p)
         p->told[0] = round, p->told[1] = wrong, p->told[2] = sum, p->told[3] = steep;
         if (!(wrong < 1e300) || !(sum < 1e300))
             return SJ_ARROW_LOST;
-        if (wrong <= MISSED && sum <= p->near &&
-            (steep <= 1e-6 * size || sum <= 1e-3 * p->near))
+        if (wrong <= MISSED && sum <= p->near && (steep <= 1e-6 * size || sum <= 1e-3 * p->near))
             return SJ_ARROW_OK;
         if (round == p->most)
             return SJ_ARROW_MOST;

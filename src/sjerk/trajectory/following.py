@@ -398,7 +398,9 @@ class Timed:
         keep: float | FloatArray = 1.0
         if float(knots.lengths.mean()) > 2.0:  # with the finest knots only time helps
             keep = resolution(thin, knots, moments[few], 1.0)
-        answer = feasible(thin, knots, moments[few], 1.0, keep)
+        answer = None
+        for pace in (1.0, 4.0):  # from nearer the optimum where that is far
+            answer = answer or feasible(thin, knots, moments[few], pace, keep)
         while np.max(keep) < 1e7 and (answer is None or answer.pace > 1.0 + _NOISE):
             other = feasible(thin, knots, moments[few], 1.0, 10.0 * keep)
             if answer is not None and (other is None or other.pace > (1.0 - _NOISE) * answer.pace):
