@@ -51,8 +51,7 @@ with can.Bus(interface="virtual", channel="sjerk") as bus:
     master.run(watch)
     at = host.feedback().axes[0]
     print(f"commanded {at.position} deg, the drive says {at.actual_position:.3f} deg")
-    host.disable()
-    master.run(lambda: not host.feedback().axes[0].enabled)
+    assert master.end()  # at rest, and disabled
     end.set()
 drive.join()
 

@@ -33,8 +33,10 @@ HEADERS = (
     "cycle/_trace_items.h",
     "cycle/_state.h",
     "cycle/_cycle.h",
+    "cycle/_exchange.h",
     "kernel/_clock.h",
     "ports/ethercat/_esc.h",
+    "ports/ethercat/_frame.h",
     "ports/ethercat/_wire.h",
 )
 C_ONLY = "/* For C only. */"

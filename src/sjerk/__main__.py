@@ -14,6 +14,7 @@ from sjerk.cli import (
     clean,
     demo,
     drive,
+    ethercat,
     follow,
     home,
     jog,
@@ -55,6 +56,7 @@ _VERBS = (
     simulate,
     follow,
     drive,
+    ethercat,
     clean,
 )
 

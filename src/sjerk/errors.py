@@ -6,6 +6,7 @@ Never here: decisions about motion.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from numbers import Real
 
 
@@ -52,21 +53,44 @@ class PlanError(SjerkError):
     """The planner found no motion for a legal request: a fault of sjerk, please report it."""
 
 
-class RefusedError(SjerkError):
-    """The kernel refused a goal: ``code`` (``enum sj_result``), ``reason``, ``axis`` or -1."""
+def axis_label(axis: int, names: Sequence[str] = ()) -> str:
+    """How a text calls an axis: by its number, and by its name where it has one.
 
-    def __init__(self, code: int, reason: str, axis: int) -> None:
-        super().__init__(f"refused by axis {axis}: {reason}" if axis >= 0 else f"refused: {reason}")
+    >>> axis_label(1, ["", "elbow"]), axis_label(0, ["", "elbow"])
+    ('axis 1 (elbow)', 'axis 0')
+    """
+    name = names[axis] if 0 <= axis < len(names) else ""
+    return f"axis {axis} ({name})" if name else f"axis {axis}"
+
+
+class RefusedError(SjerkError):
+    """The kernel refused a goal: ``code`` (``enum sj_result``), ``reason``, ``axis`` or -1.
+
+    ``names``: of all axes, for the text.
+    """
+
+    def __init__(self, code: int, reason: str, axis: int, names: Sequence[str] = ()) -> None:
         self.code = code
         self.reason = reason
         self.axis = axis
+        super().__init__(self.told(lambda i: axis_label(i, names)))
+
+    def told(self, label: Callable[[int], str]) -> str:
+        """Its text, with another way to call an axis."""
+        by = f" by {label(self.axis)}" if self.axis >= 0 else ""
+        return f"refused{by}: {self.reason}"
 
 
 class MotionStoppedError(SjerkError):
     """A move ended elsewhere: stopped or replaced, or a drive went into a fault.
 
     ``positions`` are the commanded ones by axis, ``faults`` the error codes (603Fh) of the drives
-    that are in a fault, by axis; ``unhomed`` the axis whose homing failed, or None.
+    that are in a fault, by axis; ``unhomed`` the axis whose homing failed, or None; ``switches``
+    the limit switches that are closed (60FDh: 1 negative, 2 positive, 3 both), by axis. ``names``:
+    of all axes, for the text.
+
+    >>> print(MotionStoppedError({1: 0.25}, names=["shoulder", "elbow"]))
+    stopped or replaced before the goal, commanded positions: axis 1 (elbow) 0.25
     """
 
     def __init__(
@@ -74,15 +98,28 @@ class MotionStoppedError(SjerkError):
         positions: dict[int, float],
         faults: dict[int, int] | None = None,
         unhomed: int | None = None,
+        switches: dict[int, int] | None = None,
+        *,
+        names: Sequence[str] = (),
     ) -> None:
         self.positions = positions
         self.unhomed = unhomed
         self.faults = faults or {}
-        codes = ", ".join(f"axis {i}: {code:04X}h" for i, code in self.faults.items())
+        self.switches = switches or {}
+        super().__init__(self.told(lambda i: axis_label(i, names)))
+
+    def told(self, label: Callable[[int], str]) -> str:
+        """Its text, with another way to call an axis."""
+        codes = ", ".join(f"{label(i)}: {code:04X}h" for i, code in self.faults.items())
         why = f"drive fault ({codes})" if codes else "stopped or replaced"
-        if unhomed is not None:
-            why = f"homing of axis {unhomed} failed" + (f", {why}" if codes else "")
-        super().__init__(f"{why} before the goal, commanded positions {positions}")
+        if self.unhomed is not None:
+            why = f"homing of {label(self.unhomed)} failed" + (f", {why}" if codes else "")
+        if self.switches:
+            sides = ("negative", "positive", "negative and positive")
+            closed = (f"{label(i)}: {sides[side - 1]}" for i, side in self.switches.items())
+            why += f", limit switch closed ({', '.join(closed)})"
+        at = ", ".join(f"{label(i)} {position!r}" for i, position in self.positions.items())
+        return f"{why} before the goal, commanded positions: {at}"
 
 
 class SupersededError(MotionStoppedError):

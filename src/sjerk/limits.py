@@ -7,7 +7,9 @@ planner does not convert it again for every plan. Never here: motion.
 from __future__ import annotations
 
 import struct
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 from sjerk.errors import InputError, positive, real
 
@@ -133,6 +135,26 @@ class Limits:
             if self.position is None and len(self._cycled) < _CYCLE_TIMES_KEPT:
                 self._cycled[T] = made
         return made
+
+
+def limits_of_each(limits: Any, joints: int) -> list[Limits]:
+    """One ``Limits`` per joint: of one for all, or of a sequence of one each.
+
+    Raises ``InputError`` for anything else, with the entry that is wrong.
+
+    >>> len(limits_of_each(Limits(2.0, 4.0, 500.0), 7))
+    7
+    """
+    if isinstance(limits, Limits):
+        return [limits] * joints
+    if not isinstance(limits, Sequence) or isinstance(limits, str | bytes | bytearray):
+        raise InputError("limits", limits, "must be a Limits, or a list of one per joint")
+    for i, limit in enumerate(limits):
+        if not isinstance(limit, Limits):
+            raise InputError(f"limits[{i}]", limit, "must be a Limits")
+    if len(limits) != joints:
+        raise InputError("limits", len(limits), f"must be one per joint: {joints}")
+    return list(limits)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,11 +1,12 @@
 """What a motion is made of and given as: phases, samples and ranges, also as the memory C reads.
 
-A ``Plan`` is a row of phases between two states. Never here: equations, decisions about motion.
+A ``Plan`` is a row of phases between two states. Never here: the equations of motion, decisions.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Self
 
@@ -93,6 +94,37 @@ class Extrema:
     velocity: Range
     acceleration: Range
     jerk: Range
+
+    @classmethod
+    def along(cls, nodes: tuple[FloatArray, ...], at: Callable[[FloatArray], Samples]) -> Extrema:
+        """Of the motion ``at``; its ``nodes``: time, P, V, A (n,) and the jerk from each one on."""
+        time, _P, V, A, J = nodes
+        times = list(time)
+        for i in range(len(time) - 1):
+            length = time[i + 1] - time[i]
+            # zeros of A are peaks of the velocity, zeros of V peaks of the position
+            for root in (*_roots(0.0, J[i], A[i]), *_roots(J[i] / 2.0, A[i], V[i])):
+                if 0.0 < root < length:
+                    times.append(time[i] + root)
+        motion = at(np.array(times))
+        return cls(
+            *(
+                Range(float(np.min(x)), float(np.max(x)))
+                for x in (
+                    motion.position,
+                    motion.velocity,
+                    motion.acceleration,
+                    J[:-1] if len(J) > 1 else J,
+                )
+            )
+        )
+
+    @property
+    def turns(self) -> bool:
+        """Whether the velocity has both signs, by more than 1e-9 of its largest."""
+        low, high = self.velocity
+        nothing = 1e-9 * max(-low, high)
+        return low < -nothing and high > nothing
 
 
 class Plan:
@@ -263,3 +295,14 @@ def _c_column(name: str, column: FloatArray, rows: int) -> Any:
             f"out.{name}", has, f"must be float64 of shape ({rows},), contiguous and writeable"
         )
     return ffi.from_buffer("double[]", column, require_writable=True)
+
+
+def _roots(a: float, b: float, c: float) -> tuple[float, ...]:
+    """Real roots of a x^2 + b x + c, without cancellation."""
+    if a == 0.0:
+        return (-c / b,) if b != 0.0 else ()
+    square = b * b - 4.0 * a * c
+    if square < 0.0:
+        return ()
+    q = -0.5 * (b + math.copysign(math.sqrt(square), b))
+    return (q / a, c / q) if q != 0.0 else (0.0,)

@@ -72,6 +72,20 @@ class Profile(Plan):
         slack = 1e-12 * max(abs(low), abs(high))
         return reach.low < low - slack or reach.high > high + slack
 
+    @property
+    def retracts(self) -> bool:
+        """Whether the velocity turns on the way: the axis swings back, or first goes the other way.
+
+        So it is where the start is too fast to stop before the target, and moves away from it;
+        and where a target in motion leaves no other way. Turns by rounding, below 1e-9 of the
+        largest velocity, are none.
+
+        >>> from sjerk import plan
+        >>> plan(State(0.0, 90.0), 5.0, Limits(90.0, 500.0, 5000.0), 1e-3).retracts
+        True
+        """
+        return self.extrema().turns
+
     def _all_nodes(self) -> tuple[FloatArray, ...]:
         """Time, P, V, A at the start of every phase and at the end, and the jerk from there on."""
         if hasattr(self, "_nodes"):
@@ -157,33 +171,7 @@ class Profile(Plan):
         >>> scurve(160.0, Limits(90.0, 500.0, 5000.0), 1e-3).extrema().acceleration.high <= 500.0
         True
         """
-        starts, _P, V, A, J = self._all_nodes()
-        times = list(starts)
-        for i in range(len(self.phases)):
-            length = starts[i + 1] - starts[i]
-            # zeros of A are peaks of the velocity, zeros of V peaks of the position
-            for root in (*_roots(0.0, J[i], A[i]), *_roots(J[i] / 2.0, A[i], V[i])):
-                if 0.0 < root < length:
-                    times.append(starts[i] + root)
-        plan = self.at(np.array(times))
-        jerks = J[:-1] if self.phases else J
-        return Extrema(
-            *(
-                Range(float(np.min(x)), float(np.max(x)))
-                for x in (plan.position, plan.velocity, plan.acceleration, jerks)
-            )
-        )
-
-
-def _roots(a: float, b: float, c: float) -> tuple[float, ...]:
-    """Real roots of a x^2 + b x + c, without cancellation."""
-    if a == 0.0:
-        return (-c / b,) if b != 0.0 else ()
-    square = b * b - 4.0 * a * c
-    if square < 0.0:
-        return ()
-    q = -0.5 * (b + math.copysign(math.sqrt(square), b))
-    return (q / a, c / q) if q != 0.0 else (0.0,)
+        return Extrema.along(self._all_nodes(), self.at)
 
 
 # ---- the paper's closed form, Eqs. (7)-(14) ------------------------------------------------------

@@ -143,7 +143,7 @@ def test_a_person_runs_a_kernel_by_commands(tmp_path: Path) -> None:
         assert [axis["position"] for axis in after["axes"]] == [11.0, -6.0]
         late = sjerk("move", "0=160", "--timeout", "0.05", "--name", name)
         assert late.returncode == 5
-        assert late.stderr == "sjerk: move to 160.0 (axis 0): not within 0.05 s\n"
+        assert late.stderr == "sjerk: move of axis 0 to 160.0: not within 0.05 s\n"
         code, after = say("stop", "--quick")
         assert code == 0
         assert after["axes"][0]["velocity"] == 0.0

@@ -10,7 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sjerk.cli.demo import LIMITS, dips
+from sjerk import Axis, DriveConfig
+from sjerk.cli import feed_forward
+from sjerk.cli.demo import COUNTS_PER_DEGREE, LIMITS, dips
 from sjerk.trajectory import RecordedPath, RecordedPathError, read_recording, shipped_recording
 
 CSV = shipped_recording().with_name("panda_joint1.csv")
@@ -113,6 +115,12 @@ def test_the_demo_arrives_and_draws(tmp_path: Path) -> None:
         assert len(peaks) == 4
         assert max(peaks) <= float(f"{limit:.4f}")  # printed as the peaks are
     assert rows["dips of the velocity > 10 %"][0] == "0"
+    fed = {name: [float(x.rstrip("%")) for x in rows[name]] for name in rows if "deg: " in name}
+    none, own, _, both = fed["160 deg: largest 60F4h over v / Kp"]
+    assert none == pytest.approx(100.0, abs=0.1)
+    assert own > 6.0
+    assert both < 1.0
+    assert fed["10 deg: overshoot"][3] <= 0.3 < fed["10 deg: overshoot"][1]
     assert "computing time" in out
     assert "100 %" in err
 
@@ -141,6 +149,19 @@ def test_errors_of_the_command_line_are_one_line(tmp_path: Path) -> None:
     assert run.returncode == 1
     assert err.count("\n") == 1
     assert "no such file" in err
+
+
+def test_what_is_fed_forward_is_shown_for_any_way() -> None:
+    """Without friction the drive's own does as well; backwards too; of no way a short one."""
+    for friction, start, goal in ((0.0, 0.0, 160.0), (0.04, 20.0, -140.0), (0.04, 5.0, 5.0)):
+        drive = DriveConfig(friction_nm=friction)
+        axis = Axis(LIMITS, COUNTS_PER_DEGREE, drive, unit="deg")
+        lines = feed_forward.table(axis, start, goal, 1e-3).splitlines()
+        assert len(lines) == (3 if start == goal else 5)
+        none, own, velocity, both = (float(x.rstrip("%")) for x in lines[1][46:].split())
+        assert none > 98.0
+        assert (max(own, velocity) < 1.0) == (friction == 0.0)
+        assert both < 1.0
 
 
 def test_dips_are_counted() -> None:

@@ -73,7 +73,7 @@ int main(int count, char **arguments)
     const uint64_t cycles = strtoull(count > 1 ? arguments[1] : "100000", NULL, 10);
     static const uint16_t walk[] = {0x00,  0x06,  0x07, 0x0F, 0x0F, 0x0F, 0x0F,  0x80, 0x02,
                                     0x10F, 0x11F, 0x1F, 0x1F, 0x3F, 0x5F, 0x21F, 0x25F};
-    static const int8_t modes[] = {0, 1, 1, 3, 6, 8, 8, 8, 9, 10, 7, -1};
+    static const int8_t modes[] = {0, 1, 1, 3, 4, 6, 6, 7, 8, 8, 8, 9, 10, 2, -1};
     static const uint16_t climb[8] = {0x00, 0x06, 0x07, 0x0F, 0x0F, 0x0F, 0x0F, 0x00};
     uint64_t visited[8] = {0};
     sj_drive_config usual, config;
@@ -127,6 +127,9 @@ int main(int count, char **arguments)
         rx.target_velocity = below(3) ? (int32_t)below(1000000) : wild();
         rx.target_torque = (int16_t)(below(3) ? below(100) : (uint32_t)wild());
         rx.torque_offset = (int16_t)(below(20) ? 0 : wild());
+        rx.interpolated_position =
+            below(100) ? (int32_t)((uint32_t)tx.position_demand + below(2000) - 1000) : wild();
+        rx.probe_function = below(50) ? rx.probe_function : (uint16_t)draw();
         rx.digital_outputs = below(100) == 0;
         rx.output_mask = below(2);
         sj_drive_cycle_planned(&drive, &rx, &tx);

@@ -177,4 +177,4 @@ def test_a_mode_without_a_loop_is_not_displayed() -> None:
     """6061 stays when 6060 names a mode the drive does not have."""
     drive = Drive()
     drive.enable()
-    assert drive.cycle(0xF, 0, mode=7).mode_display == Mode.CSP
+    assert drive.cycle(0xF, 0, mode=5).mode_display == Mode.CSP

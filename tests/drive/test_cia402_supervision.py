@@ -143,6 +143,7 @@ CODES = {
     DriveFault.SAFE_TORQUE_OFF: (0xFF80, "coast"),
     DriveFault.BRAKE: (0x7110, "ramp"),
     DriveFault.LOST_LINK: (0x8130, "ramp"),
+    DriveFault.RPDO_TIMEOUT: (0x8250, "ramp"),
 }
 
 
@@ -203,10 +204,11 @@ def test_an_event_cannot_be_injected() -> None:
         (3, [S.QUICK_STOP_ACTIVE, S.SWITCH_ON_DISABLED]),
     ],
 )
-def test_a_lost_link_acts_by_6007(option: int, states: list[DriveState]) -> None:
+@pytest.mark.parametrize("cause", [DriveFault.LOST_LINK, DriveFault.RPDO_TIMEOUT])
+def test_a_lost_link_acts_by_6007(option: int, states: list[DriveState], cause: DriveFault) -> None:
     """0 nothing, 1 fault, 2 disable voltage, 3 quick stop."""
     runner = Runner(speed=0.0, abort_option=option)
-    runner.drive.inject(DriveFault.LOST_LINK)
+    runner.drive.inject(cause)
     seen: list[DriveState] = []
     for _ in range(10):
         state = runner.run(1).state

@@ -67,7 +67,7 @@ def random_frame(draw: random.Random, device: Device) -> tuple[int, bytes, bool]
         if draw.random() < 0.02:
             target = draw.getrandbits(32)
         target = (target + 2**31) % 2**32
-        mode = draw.choice((8, 8, 8, 1, 3, 6, 9, 10, draw.randrange(256)))
+        mode = draw.choice((8, 8, 8, 1, 3, 4, 6, 7, 9, 10, draw.randrange(256)))
         data = bytes((word & 0xFF, word >> 8, mode)) + (target ^ 2**31).to_bytes(4, "little")
         return 0x200 + NODE, data, False
     if kind < 0.90:

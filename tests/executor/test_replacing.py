@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import threading
+import time
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -282,3 +285,60 @@ def test_feedback_tells_way_points_and_time_of_its_own_goal() -> None:
     assert (np.diff(times) >= 0.0).all()
     assert 0.31 <= times[0] <= 0.31 + SOON * T
     assert times[-1] == pytest.approx(way.time[-1] + goal.stretch, abs=0.06)
+
+
+def test_submit_only_checks_and_the_motion_is_planned_beside() -> None:
+    """What the caller pays is a part of what planning takes, which ``update`` does: both in its CPU
+    time, in one run.
+    """
+    checked, planned = [], []
+    for cycle in (400, 900, 1400, 1900, 2400):
+        machine = Machine(PLAN.position[0])
+        machine.executor.submit(PLAN)
+        machine.cycles(cycle)
+        way = wave(2.0, 0.3, machine.positions[-1])
+        begin = time.thread_time()
+        goal = machine.executor.submit(way)
+        middle = time.thread_time()
+        machine.executor.update()
+        checked.append(middle - begin)
+        planned.append(time.thread_time() - middle)
+        assert goal.status is GoalStatus.EXECUTING
+    assert float(np.median(checked)) < 0.3 * float(np.median(planned))
+
+
+class Asked(Machine):
+    """Its clock, which is read where a motion is planned, does something once."""
+
+    act: Callable[[], object] | None = None
+
+    def time(self) -> float:
+        if self.act is not None:
+            thread = threading.Thread(target=self.act, daemon=True)
+            self.act = None
+            thread.start()
+            thread.join(20.0)
+            assert not thread.is_alive()
+        return super().time()
+
+
+def test_orders_and_goals_do_not_wait_for_planning() -> None:
+    """While a motion is planned another thread cancels its goal, or sends the next one."""
+    machine = Asked(PLAN.position[0])
+    machine.executor.submit(PLAN)
+    machine.cycles(800)
+    goal = machine.executor.submit(wave(2.0, 0.3, machine.positions[-1]))
+    machine.act = goal.cancel
+    machine.executor.update()
+    assert goal.status is GoalStatus.CANCELED
+    machine.rest()
+    first = machine.executor.submit(wave(2.0, 0.3, machine.positions[-1]))
+    newest: list[GoalHandle] = []
+    way = wave(1.0, -0.1, machine.positions[-1])
+    machine.act = lambda: newest.append(machine.executor.submit(way))
+    machine.executor.update()
+    assert first.status is GoalStatus.ABORTED
+    positions = machine.finish(newest[0])
+    assert newest[0].status is GoalStatus.SUCCEEDED
+    np.testing.assert_array_equal(positions[-1], way.position[-1])
+    recording_keeps(positions, PANDA)

@@ -284,6 +284,8 @@ def c12_unsupported_modes_are_refused_by_the_master(bench: Bench) -> None:
     for mode in (
         "PROFILED POSITION",
         "PROFILED VELOCITY",
+        "PROFILED TORQUE",
+        "INTERPOLATED POSITION",
         "HOMING",
         CSP,
         "CYCLIC SYNCHRONOUS VELOCITY",

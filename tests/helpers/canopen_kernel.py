@@ -2,13 +2,15 @@
 
 `-m helpers.canopen_kernel master GOAL OPTION` enables, moves, tells lines of JSON. `judge OPTION`
 starts a drive process and a master process, kills the master in mid-motion, looks on what the
-drive does, starts the next master, and prints one JSON object of what was seen.
+drive does, starts the next master, and prints one JSON object of what was seen. `end` ends a master
+in mid-motion in order, with the drive there and with the drive suspended, and prints the same.
 """
 
 from __future__ import annotations
 
 import json
 import signal
+import struct
 import subprocess
 import sys
 import time
@@ -16,10 +18,12 @@ import time
 import can
 
 from helpers.root import program
-from sjerk import Axis, Limits, MotionKernel
+from sjerk import Axis, DriveConfig, Limits, MotionKernel
+from sjerk.kernel import FeedForward
 from sjerk.ports.canopen import Master, SdoClient
 
 NODE, T = 5, 0.01
+SLOW_T = 0.05
 COUNTS = 2**24 / 360.0
 BUS = {"interface": "udp_multicast", "channel": "239.74.163.2"}
 LIMITS = Limits(90.0, 500.0, 5000.0)
@@ -105,9 +109,82 @@ def judge(option: int) -> None:
         drive.communicate()
 
 
+def last(bus: can.BusABC) -> None:
+    """Enable and jog; end in full motion when a line comes; tell what the drive says just then."""
+    fed = FeedForward.of(DriveConfig.for_motor())
+    # cycles so long, and heartbeats so patient, that a busy machine loses no axis
+    kernel = MotionKernel([Axis(LIMITS, COUNTS, "external", feed_forward=fed)], SLOW_T)
+    master = Master(kernel, bus, {0: NODE}, heartbeat=0.5, lost=20)
+    SdoClient(bus, NODE).write(0x2100, 7, struct.pack("<H", 10_000))
+    host = kernel.host()
+
+    def until(met: object) -> None:
+        end = time.monotonic() + 30.0
+        master.run(lambda: met() or time.monotonic() > end)  # type: ignore[operator]
+        assert met(), "waited too long"  # type: ignore[operator]
+
+    until(lambda: not kernel.image.stale.any())
+    host.reset()
+    host.enable()
+    until(lambda: host.feedback().axes[0].follows)
+    host.jog(80.0)
+    until(lambda: host.feedback().axes[0].velocity == 80.0)
+    say(moving=True)
+    sys.stdin.readline()
+    begun = host.feedback()
+    whole = master.end()
+    frame = host.feedback()
+    axis = frame.axes[0]
+    say(
+        whole=whole,
+        seconds=(frame.cycle - begun.cycle) * SLOW_T,
+        stale=bool(kernel.image.stale[0]),
+        velocity=axis.velocity,
+        word=axis.statusword,
+    )
+
+
+def end() -> None:
+    order = [sys.executable, "-m", "sjerk", "drive", "--node", str(NODE)]
+    drive = subprocess.Popen(order, stdout=subprocess.PIPE, text=True)
+    assert drive.stdout is not None
+    assert "is ready" in drive.stdout.readline()
+
+    def ended(suspend: bool) -> dict[str, object]:
+        order = program("helpers.canopen_kernel", "last")
+        child = subprocess.Popen(order, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        assert child.stdout is not None
+        assert json.loads(child.stdout.readline()) == {"moving": True}
+        if suspend:
+            drive.send_signal(signal.SIGSTOP)
+        out, _ = child.communicate("end\n", timeout=60.0)
+        return dict(json.loads(out))
+
+    try:
+        with can.Bus(**BUS) as bus:
+            sdo = SdoClient(bus, NODE)
+            seen: dict[str, object] = {"heard": ended(False)}
+            seen["drive"] = [
+                int.from_bytes(sdo.read(index, sub), "little", signed=index == 0x606C)
+                for index, sub in ((0x6041, 0), (0x606C, 0), (0x603F, 0))
+            ]
+            seen["findings"] = [int.from_bytes(sdo.read(0x2101, n), "little") for n in (7, 8, 10)]
+            seen["silent"] = ended(True)
+        print(json.dumps(seen))
+    finally:
+        drive.send_signal(signal.SIGCONT)
+        drive.terminate()
+        drive.communicate()
+
+
 if __name__ == "__main__":
     if sys.argv[1] == "master":
         with can.Bus(**BUS) as bus:
             master(float(sys.argv[2]), int(sys.argv[3]), bus)
+    elif sys.argv[1] == "last":
+        with can.Bus(**BUS) as bus:
+            last(bus)
+    elif sys.argv[1] == "end":
+        end()
     else:
         judge(int(sys.argv[2]))

@@ -1,5 +1,9 @@
 """Soak of the motion kernel: 16 axes, random commands from three hosts in turn, kills, faults.
 
+Among the commands are homing, moves onto limit switches and forks of the host; two processes beside
+the hosts stop axes; the director forks children that hold all it has open. Some axes are fed
+forward: each of their words is judged.
+
 Run it with ``./run stress kernel [--minutes N]``. It goes in rounds: a real kernel process with a
 recorder from its first cycle to its last; three host processes that take turns and command at
 random; the one in charge is killed with SIGKILL at random moments. Some axes have drives that
@@ -25,7 +29,7 @@ from pathlib import Path
 from typing import Any
 
 from kernel_check import Verdict, check
-from kernel_host import play
+from kernel_host import linger, pester, play
 
 from sjerk import Axis, DriveConfig, Limits, MotionKernel, Recorder, Recording, replay
 from sjerk._binding import lib
@@ -33,6 +37,11 @@ from sjerk.recording import files
 
 COUNTS = 2**24 / 360.0
 AXES = 16
+#: Numbers of a verdict that are summed up.
+COUNTED = (
+    *("cycles", "gaps", "missed", "commands", "faults", "anchors", "late", "deaths"),
+    *("homings", "switches", "stops", "fed"),
+)
 MEMORY_KB = 512  # what the kernel's own memory may grow by after its begin
 # Imported once by the server that forks the others, so that a restart costs a fork.
 PRELOAD = ["sjerk", "kernel_host", "kernel_check", "sjerk.recording.files"]
@@ -47,8 +56,12 @@ def axes() -> list[Axis]:
     lagging = DriveConfig(
         velocity_feedforward=0.5, following_window=round(0.8 * COUNTS), following_time_ms=20
     )
-    made = [Axis(plain, COUNTS, unit="deg", stop_limits=quick) for _ in range(6)]
-    made += [Axis(fast, COUNTS, unit="deg", wrap=360.0) for _ in range(4)]
+    switched = DriveConfig(switch_negative_rev=-0.12, switch_positive_rev=0.1)
+    made = [Axis(plain, COUNTS, unit="deg", stop_limits=quick) for _ in range(2)]
+    made += [Axis(plain, COUNTS, feed_forward="torque", stop_limits=quick) for _ in range(2)]
+    made += [Axis(plain, COUNTS, switched, unit="deg", stop_limits=quick) for _ in range(2)]
+    made += [Axis(fast, COUNTS, unit="deg", wrap=360.0) for _ in range(3)]
+    made += [Axis(fast, COUNTS, unit="deg", wrap=360.0, feed_forward="velocity")]
     made += [Axis(slow, COUNTS, unit="deg") for _ in range(2)]
     made += [Axis(plain, COUNTS, "ideal", unit="deg", stop_limits=quick) for _ in range(2)]
     made += [
@@ -105,7 +118,7 @@ class Soak:
         self.context.set_forkserver_preload(PRELOAD)
         self.total = Verdict()
         self.acts: Counter[str] = Counter()
-        self.kills = self.rounds = self.replayed = 0
+        self.kills = self.rounds = self.replayed = self.forks = 0
         self.memory: list[tuple[int, int]] = []
         self.judging: list[tuple[Any, Path, Path]] = []
         self.ends: Counter[str] = Counter()
@@ -122,6 +135,18 @@ class Soak:
         child.start()
         return child
 
+    def stopper(self, name: str, log: Path) -> Any:
+        child = self.context.Process(
+            target=pester, args=(name, self.random.randrange(2**32), str(log)), daemon=True
+        )
+        child.start()
+        return child
+
+    def fork(self) -> None:
+        """A child that holds the pipes of the kernel, mostly longer than the round lasts."""
+        self.forks += 1
+        linger(self.random.uniform(0.5, 20.0))
+
     def round(self, seconds: float) -> None:
         self.rounds += 1
         name = f"soak-{os.getpid()}-{self.rounds}"
@@ -137,10 +162,10 @@ class Soak:
             if end != "in order":
                 os.kill(pid, signal.SIGKILL if end == "SIGKILL" else signal.SIGTERM)
                 self.gone(kernel)
-        for child in self.hosts:
+        for child in self.hosts + self.stoppers:
             child.join(30.0)
             if child.is_alive():
-                self.total.find("host did not end", str(child))
+                self.total.find("client did not end", str(child))
                 child.kill()
                 child.join()
         self.say(f"round {self.rounds}: {recorder.cycles} cycles, ended {end}")
@@ -161,6 +186,7 @@ class Soak:
     def play(self, kernel: MotionKernel, log: Path, seconds: float) -> None:
         """Three hosts; kills of whichever is in charge; the kernel's memory."""
         self.hosts = [self.host(kernel.name, log) for _ in range(3)]
+        self.stoppers = [self.stopper(kernel.name, log) for _ in range(2)]
         end = min(time.monotonic() + seconds, max(self.until, time.monotonic() + 2.0))
         begun = time.monotonic()
         first = last = 0
@@ -170,6 +196,8 @@ class Soak:
             if not kernel.alive:
                 self.total.find("kernel died", kernel.name)
                 return
+            if self.random.random() < 0.01:
+                self.fork()
             if time.monotonic() > begun + 1.0:
                 last = own_memory(kernel.pid or 0)
                 first = first or last
@@ -208,7 +236,7 @@ class Soak:
 
     def add(self, told: dict[str, Any], path: Path) -> None:
         total = self.total
-        for name in ("cycles", "gaps", "missed", "commands", "faults", "anchors", "late", "deaths"):
+        for name in COUNTED:
             setattr(total, name, getattr(total, name) + told[name])
         total.goals.update(told["goals"])
         total.findings.update(told["findings"])
@@ -254,6 +282,10 @@ def table(soak: Soak) -> str:
         f"goals                    {dict(total.goals)}",
         f"hosts killed             {soak.kills} (seen in charge by the kernel: {total.deaths})",
         f"drive faults, anchors    {total.faults}, {total.anchors}",
+        f"homings, limit switches  {total.homings}, {total.switches}",
+        f"stops from beside        {total.stops}",
+        f"forked children          {soak.forks} of the director, {soak.acts['fork']} of hosts",
+        f"words fed forward        {total.fed:,}",
         f"largest share of limits  {largest}",
         f"replayed bit for bit     {soak.replayed:,} cycles ({soak.speed:.0f} times real time)",
         f"memory of the kernel     grew by {grown} kB at most in a round",

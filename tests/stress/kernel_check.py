@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sjerk import Recording
+from sjerk import DriveConfig, Recording
 from sjerk._binding import lib
 from sjerk.host import EventKind
 from sjerk.kernel.trace import command_dtype, record_dtype
@@ -44,6 +44,10 @@ class Verdict:
     anchors: int = 0
     late: int = 0
     deaths: int = 0
+    homings: int = 0
+    switches: int = 0
+    stops: int = 0
+    fed: int = 0
     largest: dict[str, float] = field(default_factory=dict)
     findings: Counter[str] = field(default_factory=Counter)
     words: list[str] = field(default_factory=list)
@@ -78,6 +82,12 @@ def check(recording: Recording, first: int = 0) -> Verdict:
     kinds = Counter(chunk.events["kind"].tolist())
     verdict.faults = kinds[EventKind.FAULT]
     verdict.anchors = kinds[EventKind.ANCHOR]
+    verdict.switches = kinds[EventKind.SWITCH]
+    verdict.stops = kinds[EventKind.STOP]
+    homing = (chunk.events["kind"] == EventKind.STATE) & (
+        chunk.events["code"] == lib.SJ_AXIS_HOMING
+    )
+    verdict.homings = int(homing.sum())
     dead = (chunk.events["kind"] == EventKind.HOST) & (chunk.events["code"] == lib.SJ_HOST_DEAD)
     verdict.deaths = int(dead.sum())
     verdict.late = int(frames["late"][-1]) if len(frames) else 0
@@ -201,6 +211,7 @@ def _axis(
         )
         for k in np.flatnonzero(out):
             verdict.find("position limit", f"axis {i}, cycle {cycle[k + 1]}: {q[k + 1]!r}")
+    _fed(recording, rows, i, follows, joined, verdict)
     allowed = _allowed(recording, frames, i, goals, stop, joined)
     for n, name in enumerate(NAMES, start=1):
         change = np.diff(q, n)
@@ -219,6 +230,38 @@ def _axis(
                 f"axis {i}, cycle {cycle[k + n]}: {abs(change[k]) / most[k]:.9f} of it, "
                 f"goal {rows['goal_id'][k + n]}",
             )
+
+
+def _fed(
+    recording: Recording, rows: Any, i: int, follows: Any, joined: Any, verdict: Verdict
+) -> None:
+    """60B1h is the difference of the positions, 60B2h what the motor needs for it, to one unit."""
+    axis, T = recording.axes[i], recording.cycle_time
+    v, t = rows["velocity_offset"], rows["torque_offset"]
+    if axis.feed_forward is None or not isinstance(axis.drive, DriveConfig):
+        for k in np.flatnonzero((v != 0) | (t != 0)):
+            verdict.find("fed where nothing is to be", f"axis {i}: {v[k]}, {t[k]}")
+        return
+    for k in np.flatnonzero(~follows & ((v != 0) | (t != 0))):
+        verdict.find("fed to a drive that does not follow", f"axis {i}: {v[k]}, {t[k]}")
+    counts, drive, q = axis.counts_per_unit * axis.gear, axis.drive, rows["position"]
+    noise = 4 * np.spacing(np.abs(q)) * counts / T
+    step = np.diff(q, prepend=q[:1])
+    off = joined & (np.abs(v - step * counts / T) > 0.5 + noise + np.abs(v) * 1e-12)
+    for k in np.flatnonzero(off):
+        verdict.find("60B1h", f"axis {i}, row {k}: {v[k]} of {step[k] * counts / T!r}")
+    verdict.fed += int(joined.sum())
+    if axis.feed_forward != "torque":
+        return
+    rad = 2.0 * np.pi * counts / drive.encoder_increments
+    w, change = step * rad / T, np.diff(step, prepend=0.0)
+    inertia = drive.inertia_kg_m2 * (1.0 + drive.load_inertia_ratio)
+    torque = inertia * change * rad / T**2 + drive.viscous_nm_s * w
+    torque += drive.friction_nm * w / (np.abs(w) + drive.friction_speed_rad_s)
+    needed = 1e3 * torque / drive.rated_torque_nm
+    whole = joined & np.roll(joined, 1)
+    for k in np.flatnonzero(whole & (np.abs(t - needed) > 1.0 + 1e-3)):
+        verdict.find("60B2h", f"axis {i}, row {k}: {t[k]} of {needed[k]!r}")
 
 
 def _per_cycle(limits: Any, T: float) -> NDArray[np.float64]:
@@ -288,7 +331,10 @@ def _halts(recording: Recording, i: int) -> NDArray[np.int64]:
     halts = commands["axis"]["halts"][:, i].astype(np.int64) if len(commands) else np.zeros(0)
     found = [chunk.commands["cycle"][1:][np.diff(halts) != 0]] if len(commands) else []
     found.append(chunk.commands["cycle"][:1][halts[:1] != 0])
-    kinds = (EventKind.HOST, EventKind.FAULT, EventKind.FOLLOWING, EventKind.CORRUPT)
+    kinds = (
+        *(EventKind.HOST, EventKind.FAULT, EventKind.FOLLOWING, EventKind.CORRUPT),
+        *(EventKind.STOP, EventKind.SYNC),
+    )
     found.append(chunk.events["cycle"][np.isin(chunk.events["kind"], kinds)])
     ending = np.flatnonzero(np.diff(chunk.frames["ending"], prepend=0) > 0)
     found.append(chunk.frames["head"]["cycle"][ending])

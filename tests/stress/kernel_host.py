@@ -5,15 +5,29 @@ Waits for each answer and writes what became of each goal, so that one without i
 
 from __future__ import annotations
 
+import contextlib
 import json
+import os
 import random
+import signal
+import threading
 import time
+import traceback
+import warnings
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from sjerk import Host, InputError, KernelGoneError, Limits, RefusedError, SjerkError, follow_path
+from sjerk import (
+    Host,
+    InputError,
+    KernelGoneError,
+    Limits,
+    Monitor,
+    RefusedError,
+    follow_path,
+)
 from sjerk.errors import HandshakeError, HostTakenError, SegmentMissingError
 from sjerk.host import MoveState, PathState
 from sjerk.profile import State
@@ -99,7 +113,7 @@ class Client:
         begin = np.array([frame.axes[i].position for i in chosen])
         way = np.cumsum([[self.rng.uniform(-2.0, 2.0) for _ in chosen] for _ in range(8)], axis=0)
         rows = np.vstack([begin, begin + way])
-        plan = follow_path(rows, [self.host.limits[i] for i in chosen], self.host._T)
+        plan = follow_path(rows, [self.host.limits[i] for i in chosen], self.host.cycle_time)
         path = self.host.follow(plan, axes=chosen)
         self.moves.append(path)
         if self.rng.random() < 0.5:
@@ -131,6 +145,19 @@ class Client:
             new = Limits(own.velocity * part, own.acceleration * part, own.jerk * part)
             self.host.set_limits(new, axes=i, timeout=ANSWER_S)
 
+    def home(self) -> None:
+        """Where the axes are, by method 37, some at a time."""
+        self.moves.append(self.host.home(axes=self.some()))
+
+    def onto_a_switch(self) -> None:
+        """The axes that have limit switches, as far as their limits allow, which is beyond."""
+        i = self.rng.choice([4, 5])
+        self.moves.append(self.host.jog({i: self.rng.choice([-80.0, 80.0])}))
+
+    def fork(self) -> None:
+        """A child that holds all that the host has open, also when the host is killed."""
+        linger(self.rng.uniform(0.1, 5.0))
+
     def disable(self) -> None:
         self.host.disable(0.0, axes=self.rng.randrange(self.axes))
 
@@ -144,6 +171,7 @@ class Client:
         acts = [self.move] * 8 + [self.relative] * 2 + [self.jog] * 4 + [self.queue] * 4
         acts += [self.path] * 4
         acts += [self.halt, self.quick_stop, self.override, self.hold, self.change, self.disable]
+        acts += [self.home] * 2 + [self.onto_a_switch] * 2 + [self.fork]
         acts += [self.resume] * 4 + [self.enable] * 3 + [self.cancel] + [self.fast_jog]
         end = time.monotonic() + seconds
         self.attempt(self.enable)
@@ -193,6 +221,37 @@ class Client:
             time.sleep(1e-3)
 
 
+def linger(seconds: float) -> None:
+    """Fork a child that sleeps and leaves, with everything that its parent has open."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # threads: the child needs none
+        child = os.fork()
+    if child == 0:
+        signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+        time.sleep(seconds)
+        os._exit(0)
+    threading.Thread(target=os.waitpid, args=(child, 0), daemon=True).start()
+
+
+def pester(name: str, seed: int, log: str) -> None:
+    """Beside the hosts: stop some axes at random, until the kernel has ended."""
+    rng = random.Random(seed)
+    try:
+        with Monitor.attach(name) as monitor:
+            axes = len(monitor.feedback().axes)
+            while True:
+                time.sleep(rng.expovariate(1 / 0.5))
+                chosen = rng.sample(range(axes), rng.choice([1, 2, axes]))
+                stop = rng.choice([monitor.halt, monitor.quick_stop])
+                with contextlib.suppress(TimeoutError):
+                    stop(rng.choice([0.0, ANSWER_S]), axes=chosen)
+    except (KernelGoneError, HandshakeError, TimeoutError):
+        return
+    except Exception as fault:
+        with Path(log).open("a") as file:
+            file.write(json.dumps({"failed": repr(fault)}) + "\n")
+
+
 def play(name: str, seed: int, log: str) -> None:
     """Be one of the hosts, again and again, until the kernel has ended."""
     rng = random.Random(seed)
@@ -212,7 +271,7 @@ def play(name: str, seed: int, log: str) -> None:
             host.close()
         except (KernelGoneError, HandshakeError):
             return
-        except SjerkError as fault:
-            client.write(failed=repr(fault))
+        except Exception as fault:  # a host that fails is a finding, whatever made it fail
+            client.write(failed="".join(traceback.format_exception(fault)[-3:]))
             return
         time.sleep(rng.uniform(0.0, 0.3))

@@ -377,7 +377,7 @@ def test_what_is_refused() -> None:
         with pytest.raises(InputError):
             GoalStream([reach], T, [0.0], **options)  # type: ignore[arg-type]
     with pytest.raises(InputError, match="limits"):
-        GoalStream(reach, T, [0.0], period=0.1)  # type: ignore[arg-type]
+        GoalStream([reach, reach], T, [0.0], period=0.1)
     stream = GoalStream([reach], T, [0.0], period=0.1)
     for goal in ([2.0], [np.nan], [0.0, 0.0]):
         with pytest.raises(InputError):

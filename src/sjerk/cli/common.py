@@ -130,11 +130,14 @@ def show(options: argparse.Namespace, data: dict[str, Any]) -> None:
 
 def axis_rows(feedback: Feedback) -> list[dict[str, Any]]:
     """One row per axis: what it does, where it is."""
+    named = any(axis.name for axis in feedback.axes)
     return [
-        {
-            "axis": i,
+        {"axis": i}
+        | ({"name": axis.name} if named else {})
+        | {
             "state": axis.state.name,
             "drive": axis.drive_state.name,
+            "switches": axis.limit_switches.name or "",
             "position": round(axis.position, 9),
             "actual": round(axis.actual_position, 6),
             "velocity": round(axis.velocity, 6),
@@ -142,6 +145,38 @@ def axis_rows(feedback: Feedback) -> list[dict[str, Any]]:
         }
         for i, axis in enumerate(feedback.axes)
     ]
+
+
+def bus_rows(feedback: Feedback) -> dict[str, Any]:
+    """The bus of external drives, and one row per axis on it; nothing without."""
+    bus = feedback.bus
+    if bus is None:
+        return {}
+    head = {
+        "devices": f"{bus.present} of {bus.devices}",
+        "state": f"{bus.states:02X}h",
+        "frames": bus.sent,
+        "lost": bus.lost,
+        "stray": bus.stray,
+        "phase_us": round(bus.phase * 1e6, 3),
+        "worst_phase_us": round(bus.worst_phase * 1e6, 3),
+        "correction_ns": round(bus.correction * 1e9),
+    }
+    if bus.foreign:
+        head["taken"] = "by another main device"
+    rows = [
+        {
+            "axis": i,
+            "bus": f"{axis.state:02X}h",
+            "code": f"{axis.code:04X}h",
+            "counter": axis.counter,
+            "lost": axis.lost,
+            "wrong": axis.wrong,
+            "in_row": axis.in_row,
+        }
+        for i, axis in bus.axes.items()
+    ]
+    return {"bus": head, "bus_axes": rows}
 
 
 def show_axes(options: argparse.Namespace, host: Host | Monitor) -> int:

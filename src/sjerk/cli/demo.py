@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sjerk._binding import lib
+from sjerk.cli import feed_forward
 from sjerk.errors import ExtraMissingError, InputError
 from sjerk.executor import StreamPlayer
 from sjerk.extras import load
@@ -192,7 +193,7 @@ def run(path: Path, out: Path, cycle_time: float, joint: str | None) -> int:
     _check_picture(out)
     recording = read_recording(path, joint=joint)
     start, end = float(recording.position[0]), float(recording.position[-1])
-    axis = Axis(LIMITS, counts_per_unit=COUNTS_PER_DEGREE)
+    axis = Axis(LIMITS, counts_per_unit=COUNTS_PER_DEGREE, unit="deg")
     print(
         f"{path.name}: joint {recording.joint}, {len(recording.time)} points over "
         f"{recording.time[-1]:.2f} s, ends at {end:.3f} deg"
@@ -219,6 +220,8 @@ def run(path: Path, out: Path, cycle_time: float, joint: str | None) -> int:
             print(f"stopped at {at.position:.6f} deg, velocity {at.velocity:g} deg/s")
             return 130
     print(table(recording, runs, timing, cycle_time))
+    print()
+    print(feed_forward.table(axis, start, end, cycle_time))
     return draw(out, recording, runs, cycle_time)
 
 

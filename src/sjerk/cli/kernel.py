@@ -16,7 +16,8 @@ from typing import Any
 from sjerk.cli.arguments import duration_or_inf
 from sjerk.cli.common import add_force, add_verb, ready, show, sigterm_as_ctrl_c
 from sjerk.host import Monitor
-from sjerk.kernel import load
+from sjerk.kernel import described, port_tables, read_table
+from sjerk.ports.ethercat.inside import port_of
 from sjerk.recording import Recorder
 
 
@@ -37,7 +38,10 @@ def add_arguments(jobs: Any) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Exit code 1 without a whole recording, 6 where the kernel ended, 130 where it never ran."""
-    kernel = load(options.file, name=options.name, group=options.group)
+    table = read_table(options.file)
+    kernel = described(options.file, table, name=options.name, group=options.group)
+    if (wire := port_tables(table, "ethercat")) is not None:
+        kernel.port = port_of(str(options.file), *wire)
     if options.spin_us is not None:
         kernel.clock = replace(kernel.clock, spin_us=options.spin_us)
     if options.record is not None:

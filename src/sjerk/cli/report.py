@@ -11,7 +11,7 @@ from dataclasses import asdict
 from typing import Any
 
 from sjerk.cli.arguments import duration
-from sjerk.cli.common import add_verb, name_of, show
+from sjerk.cli.common import add_verb, bus_rows, name_of, show
 from sjerk.cli.cyclictest import Cyclictest
 from sjerk.errors import SjerkError
 from sjerk.host import Distribution, Grant, Monitor
@@ -53,7 +53,7 @@ def run(options: argparse.Namespace) -> int:
         ],
         "cyclictest_us": compared,
     }
-    show(options, head)
+    show(options, head | bus_rows(after))
     return 0
 
 

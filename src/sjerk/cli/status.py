@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from sjerk.cli.common import add_verb, axis_rows, name_of, show
+from sjerk.cli.common import add_verb, axis_rows, bus_rows, name_of, show
 from sjerk.host import Monitor
 
 
@@ -26,5 +26,5 @@ def run(options: argparse.Namespace) -> int:
             "override": feedback.override,
             "hold": feedback.hold,
         }
-        show(options, timing | {"axes": axis_rows(feedback)})
+        show(options, timing | bus_rows(feedback) | {"axes": axis_rows(feedback)})
     return 0

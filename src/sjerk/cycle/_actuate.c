@@ -1,11 +1,12 @@
-/* Actuating: the commanded samples as increments, and the controlwords, to the drives; those that are
- * simulated run their period.
+/* Actuating: the commanded samples as increments, what is fed forward, and the controlwords, to the drives;
+ * those that are simulated run their period.
  *
  * Never here: where an axis should be, bit masks of drives but homing's start and the quick stop.
  */
 #include <math.h> /* fabs, llround */
 #include <stdint.h>
 #include "cycle/_actuate.h"
+#include "cycle/_feed_forward.h"
 #include "cycle/_motion.h"
 #include "drive/_drive.h"
 
@@ -23,11 +24,15 @@ static int32_t settling(const sj_kernel *kernel, sj_axis *ax, int32_t i)
     return ax->still * T < 0.02 && ax->resting * T < 1.0;
 }
 
-/* A drive is disabled only at rest, its motor's too. */
+/* A drive is disabled only at rest, its motor's too. In ErrorStop none is switched on: one that lost its
+ * power or its link and comes back stays without current until somebody resets the axis. */
 static int32_t wanted(const sj_kernel *kernel, sj_axis *ax, int32_t i)
 {
     int32_t settles = settling(kernel, ax, i);
-    return (ax->enable && !kernel->ending) || (ax->following && (axis_moving(ax) || settles));
+    int32_t allowed =
+        ax->state != SJ_AXIS_ERROR_STOP || sj_master_enabled(kernel->tx[i].statusword);
+    return (ax->enable && !kernel->ending && allowed) ||
+           (ax->following && (axis_moving(ax) || settles));
 }
 
 static void send(sj_kernel *kernel, int32_t i)
@@ -78,7 +83,9 @@ static void simulate(sj_kernel *kernel)
 
 void sj_actuate(sj_kernel *kernel)
 {
-    for (int32_t i = 0; i < kernel->axes; i++)
+    for (int32_t i = 0; i < kernel->axes; i++) {
         send(kernel, i);
+        sj_feed_forward_send(kernel, i);
+    }
     simulate(kernel);
 }

@@ -70,6 +70,7 @@ static int32_t take_axes(sj_kernel *kernel)
     kernel->lookahead.stop = kernel->command.stop_records;
     sj_lookahead_stop(kernel, halts | quick_stops | disabled);
     stop_axes(kernel, halts, quick_stops, together);
+    sj_react_halt(kernel, disabled & ~(halts | quick_stops)); /* a drive is disabled at rest only */
     return (halts | quick_stops) != 0;
 }
 

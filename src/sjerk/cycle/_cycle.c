@@ -17,8 +17,7 @@
 #include "cycle/_reactions.h"
 #include "cycle/_trace.h"
 
-static const double END_WAIT_S =
-    2.0; /* for drives outside to be disabled, after the end was seen */
+static const double END_WAIT_S = 2.0; /* of an axis at rest, for its drive outside to be disabled */
 
 /* Records of the ring: taken, then begun where it is their turn. */
 static void look_ahead(sj_kernel *kernel)
@@ -79,11 +78,12 @@ void sj_kernel_cycles(sj_kernel *kernel, int64_t cycles)
 /* A drive that is still enabled: those outside get the time to answer, if anything of them comes. */
 static int32_t still_enabled(const sj_kernel *kernel, int32_t i)
 {
-    int32_t outside = kernel->axis[i].config.external;
+    const sj_axis *ax = &kernel->axis[i];
+    int32_t waited = ax->resting < kernel->ended ? ax->resting : kernel->ended;
     if (!sj_master_enabled(kernel->tx[i].statusword))
         return 0;
-    return !outside ||
-           (!kernel->stale[i] && kernel->ended * kernel->feedback.cycle_time_s < END_WAIT_S);
+    return !ax->config.external ||
+           (!kernel->stale[i] && waited * kernel->feedback.cycle_time_s < END_WAIT_S);
 }
 
 int32_t sj_kernel_at_rest(const sj_kernel *kernel)

@@ -12,7 +12,4 @@ int32_t sj_kernel_axis(sj_kernel *kernel, int32_t axis, const sj_drive_config *d
 void sj_kernel_cycle(sj_kernel *kernel, uint64_t now_ns);
 void sj_kernel_cycles(sj_kernel *kernel, int64_t cycles); /* in a caller's own loop */
 void sj_kernel_step(sj_kernel *kernel);                   /* the same, one */
-
-/* For C only. */
-
-int32_t sj_kernel_at_rest(const sj_kernel *kernel); /* nothing moves, no drive is enabled */
+int32_t sj_kernel_at_rest(const sj_kernel *kernel);       /* nothing moves, no drive is enabled */

@@ -5,7 +5,7 @@
 #include "cycle/_payload.h"
 #include "cycle/_trace_items.h"
 
-_Static_assert(sizeof(sj_trace_head) == 24 && sizeof(sj_axis_trace) == 128, "no hidden padding");
+_Static_assert(sizeof(sj_trace_head) == 24 && sizeof(sj_axis_trace) == 136, "no hidden padding");
 _Static_assert(offsetof(sj_trace_frame, axis) == 104, "no hidden padding");
 _Static_assert(sizeof(sj_command) <= sizeof(((sj_trace_message *)0)->payload) &&
                    sizeof(sj_record) <= sizeof(((sj_trace_message *)0)->payload),

@@ -75,6 +75,17 @@ static int32_t follows(sj_axis *ax, const sj_drive_tx *tx, int32_t stale)
     return ax->unfollowed++ < PATIENCE;
 }
 
+/* Told before what the drive does about it. */
+static void observe_switches(sj_kernel *kernel, int32_t i)
+{
+    sj_axis *ax = &kernel->axis[i];
+    uint32_t closed = sj_master_switches(&kernel->tx[i]), before = ax->switches;
+    if (closed == before)
+        return;
+    ax->switches = closed;
+    sj_events_report(kernel, SJ_EVENT_SWITCH, i, (int32_t)closed, before);
+}
+
 static void observe(sj_kernel *kernel, int32_t i)
 {
     sj_axis *ax = &kernel->axis[i];
@@ -84,6 +95,7 @@ static void observe(sj_kernel *kernel, int32_t i)
     int32_t fault = sj_master_fault(tx->statusword) || stale;
 
     ax->actual_counts += (int32_t)change;
+    observe_switches(kernel, i);
     ax->following = follows(ax, tx, stale);
     ax->drive_stop |= stale && sj_master_enabled(tx->statusword); /* it may still hear us */
     if (!ax->following) {

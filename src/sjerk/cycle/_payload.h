@@ -48,7 +48,9 @@ enum sj_event_kind {
     SJ_EVENT_SYNC = 11,     /* the axis lost its master; code: 603Fh, 0: its image is stale */
     SJ_EVENT_STOP = 12,     /* asked beside the host; code: enum sj_reaction, value: the
                                            process that asked, 0: not known */
-    SJ_EVENTS = 13
+    SJ_EVENT_SWITCH = 13,   /* a limit switch closed or opened; code: 60FDh bits 0 (negative)
+                                           and 1 (positive), value: these before */
+    SJ_EVENTS = 14
 };
 
 /* what a kernel can react to */
@@ -152,6 +154,16 @@ typedef struct {
     sj_axis_record axis[64]; /* as many as the kernel has */
 } sj_record;
 
+/* A drive outside the kernel, as the port that reaches it sees it. */
+typedef struct {
+    uint64_t lost;   /* cycles without an answer of this drive, */
+    uint64_t wrong;  /* and those of them in which its frame came, with another working counter */
+    int32_t in_row;  /* cycles without an answer, the last ones; it stays at its largest number */
+    int32_t counter; /* working counter, of the last frame that came */
+    uint16_t state, code; /* 0130h, 0134h; 0: not known */
+    uint32_t present;     /* 1: a port exchanges this drive */
+} sj_axis_bus;
+
 typedef struct {
     double position, velocity, acceleration, jerk;      /* commanded sample */
     double actual_position, actual_velocity;            /* of the encoder; unit and unit/cycle */
@@ -161,6 +173,9 @@ typedef struct {
     int64_t target_counts, actual_counts; /* unwrapped, encoder increments */
     int32_t following_error;              /* 60F4h */
     uint16_t statusword, error_code;
+    uint32_t digital_inputs; /* 60FDh */
+    int32_t velocity_offset; /* 60B1h, 60B2h: what the kernel feeds forward */
+    int32_t torque_offset, reserved;
     int32_t moving, settled; /* settled: on the goal, or past it at its velocity */
     int32_t follows, enabled, fault;
     int32_t state;  /* SJ_AXIS_... */
@@ -171,6 +186,8 @@ typedef struct {
     double position_min, position_max;
     double counts_per_unit, wrap; /* wrap: axis units per turn, 0 = none */
     char unit[16];
+    char name[64];
+    sj_axis_bus bus;
 } sj_axis_feedback;
 
 enum sj_path_state {
@@ -194,6 +211,22 @@ typedef struct {
     int32_t state;          /* enum sj_path_state */
     int32_t result;         /* enum sj_result of its segments */
 } sj_path_feedback;
+
+/* The bus of drives outside the kernel; all zero where there is none. */
+typedef struct {
+    uint64_t sent;         /* frames */
+    uint64_t lost;         /* that did not come back in their cycle */
+    uint64_t stray;        /* frames that came and answer nothing that waits */
+    int64_t phase_ns;      /* of the cycle against the drives' clock: more than wanted */
+    int64_t worst_ns;      /* largest magnitude of it since it was first aligned */
+    int64_t correction_ns; /* of the last deadline */
+    int32_t devices;       /* that a port exchanges */
+    int32_t present;       /* that answered last */
+    int32_t states;        /* bitwise or of their 0130h */
+    int32_t aligned;       /* 1: the clocks have been together for a while */
+    int32_t foreign;       /* 1: another main device has taken the drives */
+    int32_t reserved;
+} sj_bus_feedback;
 
 enum { SJ_HISTOGRAM_BUCKETS = 400 };
 
@@ -244,6 +277,7 @@ typedef struct {
     int32_t axes, ending, hold;
     int32_t ring_corrupt; /* 1: no record is taken until the host flushes the ring */
     sj_path_feedback path;
+    sj_bus_feedback bus;
     sj_axis_feedback axis[64];
 } sj_feedback;
 

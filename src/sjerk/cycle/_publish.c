@@ -43,6 +43,9 @@ static void report(const sj_kernel *kernel, int32_t i, sj_axis_feedback *out)
     out->following_error = tx->following_error;
     out->statusword = tx->statusword;
     out->error_code = tx->error_code;
+    out->digital_inputs = tx->digital_inputs;
+    out->velocity_offset = kernel->rx[i].velocity_offset;
+    out->torque_offset = kernel->rx[i].torque_offset;
     out->moving = ax->homing || ax->homed || (ax->following && (axis_moving(ax) || ax->held));
     out->settled = ax->reached;
     out->follows = ax->following;

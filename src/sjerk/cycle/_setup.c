@@ -2,9 +2,10 @@
  *
  * Never here: what happens in a cycle.
  */
+#include <math.h> /* llround */
 #include <stddef.h>
 #include <stdint.h>
-#include <string.h> /* memcpy of a unit */
+#include <string.h> /* memcpy of texts */
 #include "cycle/_cycle.h"
 #include "cycle/_lookahead.h"
 #include "drive/_drive.h"
@@ -35,16 +36,19 @@ int32_t sj_kernel_axis(sj_kernel *kernel, int32_t axis, const sj_drive_config *d
 {
     sj_axis *ax = &kernel->axis[axis];
     sj_axis_feedback *out = &kernel->feedback.axis[axis];
+    const int64_t start = llround(config->start * config->counts_per_unit);
     ax->config = *config;
     ax->ceiling = config->limits;
     if (config->ideal) {
         ax->drive = (sj_drive){.state = SJ_STATE_SWITCH_ON_DISABLED};
         ax->drive.config.period_s = kernel->feedback.cycle_time_s;
+        kernel->tx[axis].position_actual = (int32_t)start;
         sj_ideal_cycle(&ax->drive, &kernel->rx[axis], &kernel->tx[axis]);
     } else if (!config->external) {
         int32_t status = sj_drive_init(&ax->drive, drive);
         if (status != 0)
             return status;
+        sj_drive_place(&ax->drive, start);
         sj_drive_cycle(&ax->drive, &kernel->rx[axis], &kernel->tx[axis]);
     }
     ax->actual_counts = kernel->tx[axis].position_actual;
@@ -58,5 +62,6 @@ int32_t sj_kernel_axis(sj_kernel *kernel, int32_t axis, const sj_drive_config *d
     out->wrap = config->wrap;
     out->external = config->external;
     memcpy(out->unit, config->unit, sizeof out->unit);
+    memcpy(out->name, config->name, sizeof out->name);
     return 0;
 }

@@ -9,6 +9,16 @@
 #include "planner/_planner.h"
 #include "trajectory/_pace.h"
 
+/* Words of the drive per axis unit and cycle; all 0: nothing is fed forward. */
+typedef struct {
+    double velocity;      /* 60B1h per axis unit/cycle */
+    double inertia;       /* 60B2h per axis unit/cycle^2 */
+    double friction;      /* 60B2h, far above friction_step */
+    double friction_step; /* axis unit/cycle */
+    double viscous;       /* 60B2h per axis unit/cycle */
+    double load;          /* 60B2h, a whole number */
+} sj_feed_forward;
+
 typedef struct {
     sj_limits limits, stop_limits;     /* per cycle; of halts, of quick stops */
     double position_min, position_max; /* axis unit; -inf and inf: none */
@@ -16,9 +26,12 @@ typedef struct {
     double following_limit; /* axis unit; inf: not watched */
     double velocity_max;    /* per cycle: what the drive follows; inf: unknown */
     double wrap;
+    sj_feed_forward feed_forward;
+    double start;     /* axis unit; where a simulated drive stands before the first cycle */
     int32_t external; /* 1: rx and tx are exchanged by the caller */
     int32_t ideal;    /* 1: a drive without mechanics, always on its target */
     char unit[16];
+    char name[64];
 } sj_axis_config;
 
 typedef struct {
@@ -29,6 +42,8 @@ typedef struct {
     sj_limits ceiling;     /* the largest of the axis since it last was at rest */
     double start;          /* where the goal's motion began */
     double line;           /* its distance on a straight line, 0: not on one */
+    sj_exact before[2];    /* commanded positions of the two cycles before */
+    double torque_left;    /* 60B2h, what rounding has left of it */
     int64_t actual_counts; /* 6064h unwrapped */
     int64_t target_counts; /* sent last */
     int64_t least_cycles;
@@ -47,7 +62,7 @@ typedef struct {
     int32_t homed;          /* 1: at its home, and does not follow again yet */
     int32_t unfollowed;     /* cycles in which an enabled drive has not followed */
     int32_t drive_stop;     /* 1: the drive's own quick stop; the planner could not */
-    int32_t reserved;
+    uint32_t switches;      /* 60FDh bits 0, 1: the limit switches that are closed */
     uint32_t halts, quick_stops, resets, limit_sets;
 } sj_axis;
 

@@ -52,6 +52,9 @@ static void write_axis(const sj_kernel *kernel, int32_t i, sj_axis_trace *out)
     out->state = (uint8_t)ax->state;
     out->flags = flags_of(ax, (int32_t)(kernel->path.axes >> i & 1),
                           (int32_t)(kernel->feedback.feed_hold >> i & 1), kernel->stale[i]);
+    out->digital_inputs = tx->digital_inputs;
+    out->velocity_offset = kernel->rx[i].velocity_offset;
+    out->torque_offset = kernel->rx[i].torque_offset;
     out->reserved = 0;
 }
 

@@ -44,7 +44,10 @@ typedef struct {
     int8_t mode_display;                      /* 6061h */
     uint8_t state;                            /* SJ_AXIS_... */
     uint32_t flags;                           /* enum sj_trace_flag */
-    uint32_t reserved;
+    uint32_t digital_inputs;                  /* 60FDh */
+    int32_t velocity_offset;                  /* 60B1h, 60B2h: what the kernel fed forward */
+    int16_t torque_offset;
+    uint16_t reserved;
 } sj_axis_trace;
 
 typedef struct {

@@ -85,6 +85,7 @@ static const field FIELDS[] = {
     FIELD(max_acceleration, UNSIGNED, 1.0, U32_MAX),
     FIELD(max_deceleration, UNSIGNED, 1.0, U32_MAX),
     FIELD(max_torque, UNSIGNED, 0.0, 65535.0),
+    FIELD(torque_slope, UNSIGNED, 1.0, U32_MAX),
     FIELD(torque_limit_positive, UNSIGNED, 0.0, 65535.0),
     FIELD(torque_limit_negative, UNSIGNED, 0.0, 65535.0),
     FIELD(quick_stop_option, SIGNED, 0.0, 8.0),

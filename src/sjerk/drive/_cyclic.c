@@ -1,4 +1,5 @@
-/* Cyclic synchronous position, velocity and torque (modes 8, 9, 10): the target of each period.
+/* Cyclic synchronous position, velocity and torque (modes 8, 9, 10), and interpolated position (mode 7):
+ * the target of each period.
  *
  * A SYNC that is missed is bridged with the last command (2100h:3), and bit 12 stays; then the axis
  * stops along a ramp. At a closed limit switch it stops too, in modes 9 and 10 also at the ends of
@@ -28,7 +29,8 @@ static void bridge(sj_drive *drive, sj_servo_command *command)
 }
 
 /* The target becomes the demand at the period's end. Returns a fault or SJ_FAULT_NONE. */
-int32_t sj_cyclic_position(sj_drive *drive, const sj_drive_rx *rx, sj_servo_command *command)
+static int32_t follow(sj_drive *drive, const sj_drive_rx *rx, sj_servo_command *command,
+                      int64_t target)
 {
     const sj_drive_config *config = &drive->config;
     const double speed = 1.0 / per_period(drive);
@@ -43,8 +45,7 @@ int32_t sj_cyclic_position(sj_drive *drive, const sj_drive_rx *rx, sj_servo_comm
         bridge(drive, command);
         return SJ_FAULT_NONE;
     }
-    distance = sj_point_difference(
-        drive, sj_point_wrap(drive, (int64_t)rx->target_position + rx->position_offset), word);
+    distance = sj_point_difference(drive, sj_point_wrap(drive, target), word);
     step = sj_limit_distance(drive, word, distance);
     drive->follows = step == distance;
     drive->limited |= !drive->follows;
@@ -82,21 +83,39 @@ int32_t sj_cyclic_position(sj_drive *drive, const sj_drive_rx *rx, sj_servo_comm
     return SJ_FAULT_NONE;
 }
 
-/* Modes 9 and 10 where the axis may not go on: onto an end, still moving onto it, or standing there
- * without an order to leave it. Returns whether the axis is stopped, or held, in this period. */
-static int held_at_an_end(sj_drive *drive, sj_servo_command *command, double wanted,
-                          double velocity)
+/* The first period after a pause: the master sees where the axis is before its targets count. */
+static int resume(sj_drive *drive, sj_servo_command *command)
 {
-    const uint32_t ends = sj_limit_ends(drive);
-    const int stands = ends != 0 && wanted == 0.0 && velocity == 0.0;
-
-    if (!stands && !sj_limit_blocks(ends, wanted) && !sj_limit_blocks(ends, velocity)) {
+    if (!drive->resync) {
         return 0;
     }
-    drive->limited = 1;
-    sj_motion_begin_stop(drive, command, sj_motion_limit_ramp(drive));
-    drive->follows = stands;
+    sj_motion_adopt_actual(drive);
+    sj_motion_stop(drive, command, 1);
+    drive->resync = 0;
     return 1;
+}
+
+int32_t sj_cyclic_position(sj_drive *drive, const sj_drive_rx *rx, sj_servo_command *command)
+{
+    if (resume(drive, command)) {
+        return SJ_FAULT_NONE;
+    }
+    return follow(drive, rx, command, (int64_t)rx->target_position + rx->position_offset);
+}
+
+/* Mode 7: 60C1h:1 instead of 607Ah, while bit 4 of the controlword enables it; without it a stop along
+ * the ramp of 6084h. */
+int32_t sj_cyclic_interpolated(sj_drive *drive, const sj_drive_rx *rx, sj_servo_command *command)
+{
+    if (!(drive->controlword & SJ_CW_MODE_4)) {
+        sj_motion_begin_stop(drive, command, 1);
+        drive->resync = 1;
+        return SJ_FAULT_NONE;
+    }
+    if (resume(drive, command)) {
+        return SJ_FAULT_NONE;
+    }
+    return follow(drive, rx, command, rx->interpolated_position);
 }
 
 /* The velocity command goes to its target over the period; the demand is where the axis is. */
@@ -120,7 +139,7 @@ void sj_cyclic_velocity(sj_drive *drive, const sj_drive_rx *rx, sj_servo_command
         drive->follows = goal == wanted;
     }
     drive->limited |= !drive->follows;
-    if (held_at_an_end(drive, command, goal, drive->demand.velocity)) {
+    if (sj_motion_held_at_an_end(drive, command, goal, drive->demand.velocity)) {
         return;
     }
     command->control = SJ_SERVO_VELOCITY;
@@ -148,7 +167,7 @@ void sj_cyclic_torque(sj_drive *drive, const sj_drive_rx *rx, sj_servo_command *
                               1e-3 * drive->config.rated_torque_nm;
         drive->follows = 1;
     }
-    if (held_at_an_end(drive, command, torque, sj_motion_speed(drive))) {
+    if (sj_motion_held_at_an_end(drive, command, torque, sj_motion_speed(drive))) {
         return;
     }
     sj_motion_adopt_speed(drive);

@@ -17,7 +17,9 @@ static int supports_mode(int32_t mode)
     case SJ_MODE_NONE:
     case SJ_MODE_PROFILE_POSITION:
     case SJ_MODE_PROFILE_VELOCITY:
+    case SJ_MODE_PROFILE_TORQUE:
     case SJ_MODE_HOMING:
+    case SJ_MODE_INTERPOLATED:
     case SJ_MODE_CSP:
     case SJ_MODE_CSV:
     case SJ_MODE_CST: return 1;
@@ -38,7 +40,7 @@ static uint16_t effective_controlword(const sj_drive *drive, uint16_t word)
     if (drive->local) {
         return drive->controlword;
     }
-    if (has_cause(drive, SJ_FAULT_LOST_LINK)) {
+    if (drive->causes & SJ_LINK_CAUSES) {
         if (drive->config.abort_option == 2) {
             return 0x0000;
         }
@@ -61,8 +63,8 @@ static void step_state(sj_drive *drive, uint16_t word)
         .shutdown_option = (int16_t)drive->config.shutdown_option,
         .disable_option = (int16_t)drive->config.disable_option,
         .power = (drive->causes & no_power) == 0,
-        .cause = drive->causes != 0 && !(drive->config.abort_option != 1 &&
-                                         drive->causes == (uint32_t)1 << SJ_FAULT_LOST_LINK),
+        .cause = (drive->causes &
+                  ~(drive->config.abort_option == 1 ? 0u : (uint32_t)SJ_LINK_CAUSES)) != 0,
         .standing =
             (uint8_t)(drive->standing || (before == SJ_STATE_FAULT_REACTION && coasts(drive))),
     };
@@ -108,7 +110,7 @@ static void step_mode(sj_drive *drive, int32_t wanted)
 static int plans_its_way(int32_t mode)
 {
     return mode == SJ_MODE_PROFILE_POSITION || mode == SJ_MODE_PROFILE_VELOCITY ||
-           mode == SJ_MODE_HOMING;
+           mode == SJ_MODE_PROFILE_TORQUE || mode == SJ_MODE_HOMING;
 }
 
 /* The ramp that the words ask for while operation is enabled: of 605Bh or 605Ch before the state
@@ -133,27 +135,21 @@ static int32_t run_mode(sj_drive *drive, const sj_drive_rx *rx, sj_servo_command
     case SJ_MODE_PROFILE_POSITION: sj_profile_position(drive, command); return SJ_FAULT_NONE;
     case SJ_MODE_PROFILE_VELOCITY: sj_profile_velocity(drive, rx, command); return SJ_FAULT_NONE;
     case SJ_MODE_HOMING: sj_homing_period(drive, command); return SJ_FAULT_NONE;
-    case SJ_MODE_CSP:
-        if (drive->resync) {
-            /* the master sees where the axis is before its targets count */
-            sj_motion_adopt_actual(drive);
-            sj_motion_stop(drive, command, 1);
-            drive->resync = 0;
-            return SJ_FAULT_NONE;
-        }
-        return sj_cyclic_position(drive, rx, command);
-    default:
-        if (drive->resync) {
-            sj_motion_adopt_actual(drive);
-            drive->resync = 0;
-        }
-        if (drive->mode == SJ_MODE_CSV) {
-            sj_cyclic_velocity(drive, rx, command);
-        } else {
-            sj_cyclic_torque(drive, rx, command);
-        }
-        return SJ_FAULT_NONE;
+    case SJ_MODE_INTERPOLATED: return sj_cyclic_interpolated(drive, rx, command);
+    case SJ_MODE_CSP: return sj_cyclic_position(drive, rx, command);
+    default: break;
     }
+    if (drive->resync) {
+        sj_motion_adopt_actual(drive);
+        drive->demand.torque_nm = drive->servo.command_nm;
+        drive->resync = 0;
+    }
+    switch (drive->mode) {
+    case SJ_MODE_PROFILE_TORQUE: sj_profile_torque(drive, rx, command); break;
+    case SJ_MODE_CSV: sj_cyclic_velocity(drive, rx, command); break;
+    default: sj_cyclic_torque(drive, rx, command);
+    }
+    return SJ_FAULT_NONE;
 }
 
 /* Operation enabled: a stop that is ordered or has begun, or else the mode. */
@@ -283,6 +279,7 @@ static void end_period(sj_drive *drive, const sj_drive_rx *rx, const sj_servo_co
     if (command->control == SJ_SERVO_OFF) {
         sj_motion_adopt_actual(drive);
     }
+    sj_probes_period(drive, rx->probe_function, before);
     sj_supervise_standing(drive);
     sj_supervise_following(drive, command);
     sj_report_words(drive, rx, tx);

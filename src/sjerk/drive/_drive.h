@@ -122,6 +122,7 @@ typedef struct {
     uint32_t max_acceleration;        /* 60C5h, pu/s^2; FFFFFFFFh = off */
     uint32_t max_deceleration;        /* 60C6h, pu/s^2; FFFFFFFFh = off */
     uint32_t max_torque;              /* 6072h, 0.1 % of rated */
+    uint32_t torque_slope;            /* 6087h, 0.1 % of rated per second */
     uint32_t torque_limit_positive;   /* 60E0h */
     uint32_t torque_limit_negative;   /* 60E1h */
     int32_t quick_stop_option;        /* 605Ah 0..8 */
@@ -263,7 +264,7 @@ typedef struct {
     double fraction;     /* of an increment, left by ramps */
     double velocity;     /* increments per period */
     double acceleration; /* increments per period^2, of a plan */
-    double torque_nm;    /* CST */
+    double torque_nm;    /* CST, mode 4 */
 } sj_drive_demand;
 
 /* a set-point of mode 1 */
@@ -288,6 +289,7 @@ typedef struct {
     sj_drive_set_point now;  /* of mode 1 */
     sj_drive_set_point next; /* that waits */
     double velocity;         /* increments per period, of mode 3 */
+    double torque_nm;        /* of mode 4 */
 } sj_drive_goal;
 
 typedef struct {
@@ -302,6 +304,13 @@ typedef struct {
     uint32_t blocked;  /* periods in a row in which the torque did not turn the motor */
     int32_t method;    /* 6098h when it began */
 } sj_drive_homing;
+
+/* touch probes: what was latched */
+typedef struct {
+    int32_t position[4]; /* 60BAh to 60BDh: 1 positive, 1 negative, 2 positive, 2 negative edge */
+    uint16_t status;     /* 60B9h */
+    uint16_t pad;
+} sj_drive_probes;
 
 /* periods in a row, but for sync_errors */
 typedef struct {
@@ -326,6 +335,7 @@ typedef struct {
     sj_drive_demand demand;
     sj_drive_goal goal;
     sj_drive_homing homing;
+    sj_drive_probes probes;
     /* device control */
     uint64_t cycles;
     uint32_t causes;      /* bit n = fault n injected and still there */
@@ -354,7 +364,8 @@ typedef struct {
 int32_t sj_drive_config_check(const sj_drive_config *config);
 const char *sj_drive_config_field(int32_t field, double *low, double *high);
 
-int32_t sj_drive_init(sj_drive *drive, const sj_drive_config *config);      /* as the check */
+int32_t sj_drive_init(sj_drive *drive, const sj_drive_config *config); /* as the check */
+void sj_drive_place(sj_drive *drive, int64_t word); /* a new one: it stands at this word of 6064h */
 int32_t sj_drive_configure(sj_drive *drive, const sj_drive_config *config); /* keeps the motion */
 void sj_drive_rescale(sj_drive *drive); /* positions in pu anew from the encoder's increments */
 void sj_drive_cycle(sj_drive *drive, const sj_drive_rx *rx, sj_drive_tx *tx);

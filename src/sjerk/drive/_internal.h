@@ -62,7 +62,8 @@ void sj_point_move_increments(const sj_drive *drive, sj_drive_point *point, int6
 int64_t sj_point_move_units(const sj_drive *drive, sj_drive_point *point, int64_t distance);
 void sj_point_set(const sj_drive *drive, sj_drive_point *point, int64_t increments, int64_t units);
 void sj_point_set_home(sj_drive *drive, int64_t increments); /* these become 607Ch */
-int64_t sj_point_demand(const sj_drive *drive); /* 6062h: polarity applied, within 607Bh */
+int64_t sj_point_word(const sj_drive *drive, int64_t units); /* polarity, within 607Bh */
+int64_t sj_point_demand(const sj_drive *drive);              /* 6062h */
 
 /* _verdict.c */
 void sj_verdict_pause(sj_drive_verdict *verdict);     /* the stream is interrupted */
@@ -86,6 +87,10 @@ int32_t sj_signal_edges(const sj_drive *drive, int32_t input, int64_t from, int6
                         sj_signal_edge edge[2]);
 /* The next index pulse above (1) or below (-1) a place. */
 int64_t sj_signal_pulse(const sj_drive *drive, int64_t place, int32_t direction);
+
+/* _probes.c */
+/* After the motor's period, which began at `from` increments; `function` is 60B8h. */
+void sj_probes_period(sj_drive *drive, uint16_t function, int64_t from);
 
 /* _limits.c */
 uint32_t sj_limit_inputs(const sj_drive *drive); /* 60FDh */
@@ -114,10 +119,15 @@ void sj_motion_begin_stop(sj_drive *drive, sj_servo_command *command, int32_t op
 int sj_motion_stopping(sj_drive *drive,
                        sj_servo_command *command);   /* it goes on; 0: there is none */
 int32_t sj_motion_limit_ramp(const sj_drive *drive); /* at a limit: that of 605Ah */
+/* Modes 4, 9 and 10 where the axis may not go on: onto an end, still moving onto it, or standing there
+ * without an order to leave it. Returns whether the axis is stopped, or held, in this period. */
+int sj_motion_held_at_an_end(sj_drive *drive, sj_servo_command *command, double wanted,
+                             double velocity);
 
 /* _cyclic.c */
 /* Returns a fault or SJ_FAULT_NONE. */
 int32_t sj_cyclic_position(sj_drive *drive, const sj_drive_rx *rx, sj_servo_command *command);
+int32_t sj_cyclic_interpolated(sj_drive *drive, const sj_drive_rx *rx, sj_servo_command *command);
 void sj_cyclic_velocity(sj_drive *drive, const sj_drive_rx *rx, sj_servo_command *command);
 void sj_cyclic_torque(sj_drive *drive, const sj_drive_rx *rx, sj_servo_command *command);
 
@@ -143,6 +153,10 @@ int sj_profile_reached(const sj_drive *drive);
 void sj_profile_velocity(sj_drive *drive, const sj_drive_rx *rx, sj_servo_command *command);
 uint16_t sj_profile_velocity_bits(sj_drive *drive); /* statusword bits 10, 12 */
 
+/* _profile_torque.c */
+void sj_profile_torque(sj_drive *drive, const sj_drive_rx *rx, sj_servo_command *command);
+int sj_profile_torque_reached(const sj_drive *drive);
+
 /* _supervision.c */
 void sj_drive_raise(sj_drive *drive, int32_t fault);                 /* transition 13 */
 int32_t sj_supervise_inputs(sj_drive *drive, const sj_drive_rx *rx); /* a fault or SJ_FAULT_NONE */
@@ -151,6 +165,9 @@ void sj_supervise_standing(sj_drive *drive);
 
 /* _report.c */
 void sj_report_words(sj_drive *drive, const sj_drive_rx *rx, sj_drive_tx *tx);
+
+/* The master is not heard: 6007h decides. */
+enum { SJ_LINK_CAUSES = 1 << SJ_FAULT_LOST_LINK | 1 << SJ_FAULT_RPDO_TIMEOUT };
 
 static inline int has_cause(const sj_drive *drive, int32_t fault)
 {

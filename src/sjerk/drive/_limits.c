@@ -6,26 +6,23 @@
 #include <stdint.h>          /* fixed widths */
 #include "drive/_internal.h" /* what the files of the drive share */
 
-/* bits of 60FDh; those from 16 on are the maker's */
-enum { NEGATIVE = 1, POSITIVE = 2, HOME = 4, INTERLOCK = 8, PROBE_1 = 1 << 16, PROBE_2 = 1 << 17 };
-
 uint32_t sj_limit_inputs(const sj_drive *drive)
 {
     uint32_t inputs = 0;
 
-    inputs |= sj_signal_closed(drive, SJ_INPUT_NEGATIVE) ? NEGATIVE : 0;
-    inputs |= sj_signal_closed(drive, SJ_INPUT_POSITIVE) ? POSITIVE : 0;
-    inputs |= sj_signal_closed(drive, SJ_INPUT_HOME) ? HOME : 0;
-    inputs |= sj_signal_closed(drive, SJ_INPUT_PROBE_1) ? PROBE_1 : 0;
-    inputs |= sj_signal_closed(drive, SJ_INPUT_PROBE_2) ? PROBE_2 : 0;
-    inputs |= has_cause(drive, SJ_FAULT_SAFE_TORQUE_OFF) ? INTERLOCK : 0;
+    inputs |= sj_signal_closed(drive, SJ_INPUT_NEGATIVE) ? SJ_DI_NEGATIVE : 0;
+    inputs |= sj_signal_closed(drive, SJ_INPUT_POSITIVE) ? SJ_DI_POSITIVE : 0;
+    inputs |= sj_signal_closed(drive, SJ_INPUT_HOME) ? SJ_DI_HOME : 0;
+    inputs |= sj_signal_closed(drive, SJ_INPUT_PROBE_1) ? SJ_DI_PROBE_1 : 0;
+    inputs |= sj_signal_closed(drive, SJ_INPUT_PROBE_2) ? SJ_DI_PROBE_2 : 0;
+    inputs |= has_cause(drive, SJ_FAULT_SAFE_TORQUE_OFF) ? SJ_DI_INTERLOCK : 0;
     return inputs;
 }
 
 uint32_t sj_limit_switches(const sj_drive *drive)
 {
-    return (sj_signal_closed(drive, SJ_INPUT_NEGATIVE) ? NEGATIVE : 0u) |
-           (sj_signal_closed(drive, SJ_INPUT_POSITIVE) ? POSITIVE : 0u);
+    return (sj_signal_closed(drive, SJ_INPUT_NEGATIVE) ? SJ_DI_NEGATIVE : 0u) |
+           (sj_signal_closed(drive, SJ_INPUT_POSITIVE) ? SJ_DI_POSITIVE : 0u);
 }
 
 /* Words beyond which the axis may not go. Not min < max: none; an end of the range of 607Bh is none
@@ -58,14 +55,15 @@ uint32_t sj_limit_ends(const sj_drive *drive)
     int64_t high;
 
     software_limits(drive, &low, &high);
-    return sj_limit_switches(drive) | (now <= low ? (turned ? POSITIVE : NEGATIVE) : 0u) |
-           (now >= high ? (turned ? NEGATIVE : POSITIVE) : 0u);
+    return sj_limit_switches(drive) |
+           (now <= low ? (turned ? SJ_DI_POSITIVE : SJ_DI_NEGATIVE) : 0u) |
+           (now >= high ? (turned ? SJ_DI_NEGATIVE : SJ_DI_POSITIVE) : 0u);
 }
 
 int sj_limit_blocks(uint32_t ends, double direction)
 {
-    return ((ends & NEGATIVE) != 0 && direction < 0.0) ||
-           ((ends & POSITIVE) != 0 && direction > 0.0);
+    return ((ends & SJ_DI_NEGATIVE) != 0 && direction < 0.0) ||
+           ((ends & SJ_DI_POSITIVE) != 0 && direction > 0.0);
 }
 
 /* The whole way stays inside; an axis that is outside may only come back. */

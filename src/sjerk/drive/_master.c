@@ -29,10 +29,11 @@ static int follows(uint16_t statusword)
 
 int32_t sj_master_fault(uint16_t statusword) { return (statusword & SJ_SW_FAULT) != 0; }
 
-/* 81xxh: communication (8130h the link), 87xxh: synchronisation. */
+/* 81xxh: communication (8130h the link), 8250h: no process data, 87xxh: synchronisation. */
 int32_t sj_master_lost(uint16_t error_code)
 {
-    return (error_code & 0xFF00) == 0x8100 || (error_code & 0xFF00) == 0x8700;
+    return (error_code & 0xFF00) == 0x8100 || error_code == 0x8250 ||
+           (error_code & 0xFF00) == 0x8700;
 }
 
 /* Transitions 2, 3, 4 upwards, 5 and 6 downwards; 15 by the rising edge of `reset`. */
@@ -62,6 +63,11 @@ int32_t sj_master_follows_position(const sj_drive_tx *tx)
 {
     return follows(tx->statusword) &&
            (tx->mode_display == SJ_MODE_CSP || tx->mode_display == SJ_MODE_NONE);
+}
+
+uint32_t sj_master_switches(const sj_drive_tx *tx)
+{
+    return tx->digital_inputs & (SJ_DI_NEGATIVE | SJ_DI_POSITIVE);
 }
 
 int32_t sj_master_homing(const sj_drive_tx *tx)

@@ -153,3 +153,18 @@ int32_t sj_motion_limit_ramp(const sj_drive *drive)
     const int32_t ramp = quick_stop_ramp(&drive->config);
     return ramp == 0 ? 2 : ramp;
 }
+
+int sj_motion_held_at_an_end(sj_drive *drive, sj_servo_command *command, double wanted,
+                             double velocity)
+{
+    const uint32_t ends = sj_limit_ends(drive);
+    const int stands = ends != 0 && wanted == 0.0 && velocity == 0.0;
+
+    if (!stands && !sj_limit_blocks(ends, wanted) && !sj_limit_blocks(ends, velocity)) {
+        return 0;
+    }
+    drive->limited = 1;
+    sj_motion_begin_stop(drive, command, sj_motion_limit_ramp(drive));
+    drive->follows = stands;
+    return 1;
+}

@@ -13,6 +13,7 @@ static int arrived(const sj_drive *drive, int64_t *off)
     case SJ_MODE_PROFILE_POSITION:
         *off = subtract_wrapping(drive->goal.now.travel, drive->actual.travel);
         return sj_profile_reached(drive);
+    case SJ_MODE_INTERPOLATED:
     case SJ_MODE_CSP:
         *off = following_error(drive);
         return drive->follows && drive->demand.velocity == 0.0;
@@ -61,7 +62,13 @@ static uint16_t mode_bits(sj_drive *drive)
     if (drive->mode == SJ_MODE_PROFILE_VELOCITY && enabled && !(drive->controlword & SJ_CW_HALT)) {
         return word | sj_profile_velocity_bits(drive);
     }
+    if (drive->mode == SJ_MODE_PROFILE_TORQUE && enabled && !(drive->controlword & SJ_CW_HALT)) {
+        return word | (sj_profile_torque_reached(drive) ? SJ_SW_TARGET_REACHED : 0);
+    }
     word |= target_reached(drive) ? SJ_SW_TARGET_REACHED : 0;
+    if (drive->mode == SJ_MODE_PROFILE_TORQUE) {
+        return word;
+    }
     if (drive->mode == SJ_MODE_PROFILE_POSITION) {
         return word | (enabled && drive->goal.acknowledged ? SJ_SW_FOLLOWS : 0);
     }
@@ -83,11 +90,6 @@ static int16_t to_int16(double value)
 {
     const int32_t whole = to_int32(value);
     return (int16_t)(whole > INT16_MAX ? INT16_MAX : whole < INT16_MIN ? INT16_MIN : whole);
-}
-
-static int32_t position_word(const sj_drive *drive, int64_t units)
-{
-    return (int32_t)sj_point_wrap(drive, with_polarity(drive, units, SJ_POLARITY_POSITION));
 }
 
 void sj_report_words(sj_drive *drive, const sj_drive_rx *rx, sj_drive_tx *tx)
@@ -114,8 +116,8 @@ void sj_report_words(sj_drive *drive, const sj_drive_rx *rx, sj_drive_tx *tx)
     tx->mode_display = (int8_t)drive->mode;
     tx->error_register = sj_drive_fault(drive->fault)->error_register;
     tx->error_code = drive->error_code;
-    tx->position_actual = position_word(drive, drive->actual.units);
-    tx->position_demand = position_word(drive, drive->demand.point.units);
+    tx->position_actual = (int32_t)sj_point_word(drive, drive->actual.units);
+    tx->position_demand = (int32_t)sj_point_demand(drive);
     tx->following_error =
         to_int32((double)with_polarity(drive, following_error(drive), SJ_POLARITY_POSITION));
     tx->velocity_actual = to_int32(velocity_sign * servo->measured_rad_s *
@@ -128,6 +130,11 @@ void sj_report_words(sj_drive *drive, const sj_drive_rx *rx, sj_drive_tx *tx)
     tx->position_internal = (int32_t)(uint32_t)(uint64_t)drive->actual.increments;
     tx->demand_internal = (int32_t)(uint32_t)(uint64_t)drive->demand.point.increments;
     tx->digital_inputs = sj_limit_inputs(drive);
+    tx->probe_status = drive->probes.status;
+    tx->probe_1_positive = drive->probes.position[0];
+    tx->probe_1_negative = drive->probes.position[1];
+    tx->probe_2_positive = drive->probes.position[2];
+    tx->probe_2_negative = drive->probes.position[3];
     tx->dc_link_mv = has_cause(drive, SJ_FAULT_UNDER_VOLTAGE)  ? 0
                      : has_cause(drive, SJ_FAULT_OVER_VOLTAGE) ? 420000
                                                                : 325000;

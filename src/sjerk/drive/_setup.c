@@ -44,6 +44,17 @@ int32_t sj_drive_init(sj_drive *drive, const sj_drive_config *config)
     return 0;
 }
 
+/* It has been moved there without power: the motor is really turned. */
+void sj_drive_place(sj_drive *drive, int64_t word)
+{
+    sj_drive_point *const point = &drive->actual;
+
+    sj_point_set(drive, point, 0, 0);
+    sj_point_move_units(drive, point, with_polarity(drive, word, SJ_POLARITY_POSITION));
+    drive->servo.encoder = point->increments;
+    drive->demand.point = *point;
+}
+
 /* A new scale: positions anew from the encoder; a reference is lost. */
 void sj_drive_rescale(sj_drive *drive)
 {

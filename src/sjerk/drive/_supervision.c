@@ -31,12 +31,21 @@ void sj_drive_raise(sj_drive *drive, int32_t fault)
     drive->follows = 0;
 }
 
+/* The mode lives of a target in each period. */
+static int streams(const sj_drive *drive)
+{
+    if (drive->mode == SJ_MODE_INTERPOLATED) {
+        return (drive->controlword & SJ_CW_MODE_4) != 0;
+    }
+    return drive->mode >= SJ_MODE_CSP;
+}
+
 /* Missed SYNCs count while the drive is to follow: +3 for each, -1 for each that came. */
 static int32_t supervise_sync(sj_drive *drive, const sj_drive_rx *rx)
 {
     const uint32_t limit = drive->config.sync_error_limit;
 
-    if (drive->state != SJ_STATE_OPERATION_ENABLED || drive->mode < SJ_MODE_CSP) {
+    if (drive->state != SJ_STATE_OPERATION_ENABLED || !streams(drive)) {
         drive->counts.missed_in_row = 0;
         drive->counts.sync_errors = 0;
         return SJ_FAULT_NONE;
@@ -66,7 +75,7 @@ int32_t sj_supervise_inputs(sj_drive *drive, const sj_drive_rx *rx)
         /* without power a disabled drive just stays disabled; a lost link acts by 6007h */
         const int waits =
             (fault == SJ_FAULT_SAFE_TORQUE_OFF || fault == SJ_FAULT_UNDER_VOLTAGE) && !powered;
-        const int by_option = fault == SJ_FAULT_LOST_LINK && drive->config.abort_option != 1;
+        const int by_option = (SJ_LINK_CAUSES >> fault & 1) != 0 && drive->config.abort_option != 1;
         if (has_cause(drive, fault) && !waits && !by_option) {
             return fault;
         }

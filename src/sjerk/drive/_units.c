@@ -83,9 +83,13 @@ void sj_point_set_home(sj_drive *drive, int64_t increments)
     }
 }
 
-/* The demand as a word: polarity applied, within 607Bh. */
+/* Units as a word: polarity applied, within 607Bh. */
+int64_t sj_point_word(const sj_drive *drive, int64_t units)
+{
+    return sj_point_wrap(drive, with_polarity(drive, units, SJ_POLARITY_POSITION));
+}
+
 int64_t sj_point_demand(const sj_drive *drive)
 {
-    return sj_point_wrap(drive,
-                         with_polarity(drive, drive->demand.point.units, SJ_POLARITY_POSITION));
+    return sj_point_word(drive, drive->demand.point.units);
 }

@@ -24,7 +24,7 @@ enum {
     SJ_CW_ENABLE_VOLTAGE = 0x0002,
     SJ_CW_QUICK_STOP = 0x0004, /* 0 stops */
     SJ_CW_ENABLE_OPERATION = 0x0008,
-    SJ_CW_MODE_4 = 0x0010, /* homing: start */
+    SJ_CW_MODE_4 = 0x0010, /* homing: start; mode 7: enable interpolation */
     SJ_CW_MODE_5 = 0x0020,
     SJ_CW_MODE_6 = 0x0040,
     SJ_CW_FAULT_RESET = 0x0080, /* acts on its rising edge */
@@ -55,10 +55,22 @@ enum {
     SJ_MODE_NONE = 0,
     SJ_MODE_PROFILE_POSITION = 1,
     SJ_MODE_PROFILE_VELOCITY = 3,
+    SJ_MODE_PROFILE_TORQUE = 4,
     SJ_MODE_HOMING = 6,
+    SJ_MODE_INTERPOLATED = 7,
     SJ_MODE_CSP = 8,
     SJ_MODE_CSV = 9,
     SJ_MODE_CST = 10
+};
+
+/* digital inputs 60FDh */
+enum {
+    SJ_DI_NEGATIVE = 1, /* limit switches */
+    SJ_DI_POSITIVE = 2,
+    SJ_DI_HOME = 4,
+    SJ_DI_INTERLOCK = 8,
+    SJ_DI_PROBE_1 = 0x10000, /* from 16 on they are the maker's */
+    SJ_DI_PROBE_2 = 0x20000
 };
 
 /* faults by name; codes and reactions in _cia402.c */
@@ -73,26 +85,30 @@ enum {
     SJ_FAULT_SAFE_TORQUE_OFF = 7,
     SJ_FAULT_BRAKE = 8,
     SJ_FAULT_LOST_LINK = 9,
-    SJ_FAULT_OVER_SPEED = 10,
-    SJ_FAULT_FOLLOWING_ERROR = 11,
-    SJ_FAULT_REFERENCE_LIMIT = 12,
-    SJ_FAULT_SYNC = 13,
-    SJ_FAULTS = 14
+    SJ_FAULT_RPDO_TIMEOUT = 10,
+    SJ_FAULT_OVER_SPEED = 11,
+    SJ_FAULT_FOLLOWING_ERROR = 12,
+    SJ_FAULT_REFERENCE_LIMIT = 13,
+    SJ_FAULT_SYNC = 14,
+    SJ_FAULTS = 15
 };
 
 /* what a period brings: the RxPDO */
 typedef struct {
-    uint16_t controlword;     /* 6040h */
-    int8_t mode;              /* 6060h */
-    uint8_t sync_missed;      /* 1: no SYNC, or no fresh targets, in this period */
-    int32_t target_position;  /* 607Ah */
-    int32_t position_offset;  /* 60B0h */
-    int32_t velocity_offset;  /* 60B1h */
-    int32_t target_velocity;  /* 60FFh */
-    int16_t target_torque;    /* 6071h */
-    int16_t torque_offset;    /* 60B2h */
-    uint32_t digital_outputs; /* 60FEh:1; bit 0 closes the brake */
-    uint32_t output_mask;     /* 60FEh:2; only these bits count */
+    uint16_t controlword;          /* 6040h */
+    int8_t mode;                   /* 6060h */
+    uint8_t sync_missed;           /* 1: no SYNC, or no fresh targets, in this period */
+    int32_t target_position;       /* 607Ah */
+    int32_t position_offset;       /* 60B0h */
+    int32_t velocity_offset;       /* 60B1h */
+    int32_t target_velocity;       /* 60FFh */
+    int16_t target_torque;         /* 6071h */
+    int16_t torque_offset;         /* 60B2h */
+    uint32_t digital_outputs;      /* 60FEh:1; bit 0 closes the brake */
+    uint32_t output_mask;          /* 60FEh:2; only these bits count */
+    int32_t interpolated_position; /* 60C1h:1 */
+    uint16_t probe_function;       /* 60B8h */
+    uint16_t pad;
 } sj_drive_rx;
 
 /* what the period gives: the TxPDO */
@@ -113,6 +129,12 @@ typedef struct {
     int32_t demand_internal;   /* 60FCh, increments */
     uint32_t digital_inputs;   /* 60FDh */
     uint32_t dc_link_mv;       /* 6079h */
+    int32_t probe_1_positive;  /* 60BAh */
+    int32_t probe_1_negative;  /* 60BBh */
+    int32_t probe_2_positive;  /* 60BCh */
+    int32_t probe_2_negative;  /* 60BDh */
+    uint16_t probe_status;     /* 60B9h */
+    uint16_t pad;
 } sj_drive_tx;
 
 /* what the state machine decides upon */
@@ -146,4 +168,6 @@ int32_t sj_master_stopping(uint16_t statusword);           /* QUICK STOP ACTIVE 
 int32_t sj_master_follows_position(const sj_drive_tx *tx); /* enabled and following, bit 12; CSP */
 int32_t
 sj_master_bridging(const sj_drive_tx *tx); /* CSP, enabled; no limit keeps it from following */
+uint32_t
+sj_master_switches(const sj_drive_tx *tx);       /* closed limit switches: 1 negative, 2 positive */
 int32_t sj_master_homing(const sj_drive_tx *tx); /* mode 6: 1 attained, -1 error, 0 */

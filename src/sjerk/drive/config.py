@@ -189,6 +189,7 @@ class DriveConfig:
     max_acceleration: int = 0xFFFFFFFF  # 60C5h
     max_deceleration: int = 0xFFFFFFFF  # 60C6h
     max_torque: int = 3500  # 6072h
+    torque_slope: int = 10000  # 6087h
     torque_limit_positive: int = 3500  # 60E0h
     torque_limit_negative: int = 3500  # 60E1h
     quick_stop_option: int = 2  # 605Ah

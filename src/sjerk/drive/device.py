@@ -29,6 +29,8 @@ from sjerk.drive.objects import (
 from sjerk.drive.words import DriveState, Mode
 
 Value = int | float | str
+POSITIONS = ("target_position", "interpolated_position")
+"""Set-points that are the actual position until a master has written them."""
 SAVE, LOAD = 0x65766173, 0x64616F6C
 """Signatures of 1010h:1 and 1011h:1."""
 
@@ -76,7 +78,7 @@ class Device:
         self._errors: list[int] = []
         self._communication_error = False
         self._rx: dict[str, int] = {}
-        self._target_written = False
+        self._written: set[str] = set()
         self.feedback: DriveFeedback
         """Of the last period."""
         self._bind()
@@ -129,12 +131,12 @@ class Device:
         if row.access == "idle" and self.feedback.state in _ENABLED:
             raise SdoError(Abort.DEVICE_STATE, index, sub)
         place, _, name = row.source.partition(".")
-        if place == "rx":
+        if (index, sub) in self._setters:
+            self._setters[index, sub](row, int(value))
+        elif place == "rx":
             self._rx[name] = int(value)
         elif place == "config":
             self._configure(row, name, value)
-        elif (index, sub) in self._setters:
-            self._setters[index, sub](row, int(value))
         else:
             self._values[index, sub] = value
 
@@ -200,12 +202,14 @@ class Device:
 
         A target that was not written since the drive was last enabled is the actual position.
         """
-        if self.feedback.state is not DriveState.OPERATION_ENABLED and not self._target_written:
-            self._rx["target_position"] = self.feedback.position_actual
+        if self.feedback.state is not DriveState.OPERATION_ENABLED:
+            for name in POSITIONS:
+                if name not in self._written:
+                    self._rx[name] = self.feedback.position_actual
         before = self.feedback
         self.feedback = self.drive.cycle(**self._rx, sync_missed=sync_missed)
         if before.state is DriveState.OPERATION_ENABLED is not self.feedback.state:
-            self._target_written = False
+            self._written.clear()
         if self.feedback.error_code not in (0, before.error_code):
             self._errors = [self.feedback.error_code, *self._errors][:8]
         return self.feedback
@@ -245,7 +249,7 @@ class Device:
         self._plans = {}
         self._errors = []
         self._communication_error = False
-        self._target_written = False
+        self._written.clear()
         self._rx = dict.fromkeys(
             (
                 "controlword",
@@ -258,6 +262,8 @@ class Device:
                 "torque_offset",
                 "digital_outputs",
                 "output_mask",
+                "interpolated_position",
+                "probe_function",
             ),
             0,
         )
@@ -280,10 +286,10 @@ class Device:
         put[0x1005, 0] = put[0x1014, 0] = self._set_identifier
         put[0x1010, 1], put[0x1011, 1] = self._store, self._restore
         for number in range(PDOS):
+            put[0x1800 + number, 3] = self._set_inhibit_time
             for base in (0x1400, 0x1800):
                 put[base + number, 1] = self._set_pdo_identifier
                 put[base + number, 2] = self._set_transmission_type
-                put[base + number, 3] = self._set_inhibit_time
                 for sub in range(MAPPED + 1):
                     put[base + 0x200 + number, sub] = self._set_mapping
         get[0x2100, 2] = lambda: min(self.drive.jump_limit, 0xFFFFFFFF)
@@ -299,7 +305,10 @@ class Device:
         get[0x60A4, 1] = self._profile_jerk
         put[0x60A4, 1] = self._set_profile_jerk
         get[0x607A, 0] = lambda: self._rx["target_position"]
-        put[0x607A, 0] = self._set_target
+        put[0x607A, 0] = lambda row, value: self._set_position("target_position", value)
+        put[0x60B8, 0] = self._set_probe_function
+        put[0x60C0, 0] = self._set_interpolation
+        put[0x60C1, 1] = lambda row, value: self._set_position("interpolated_position", value)
         put[0x60C2, 1] = put[0x60C2, 2] = self._set_interval
 
     def _peak_current(self) -> int:
@@ -342,9 +351,19 @@ class Device:
     def _set_profile_jerk(self, row: ObjectEntry, value: int) -> None:
         self._configure(row, "profile_jerk_rev_s3", value / self._jerk_unit())
 
-    def _set_target(self, row: ObjectEntry, value: int) -> None:
-        self._rx["target_position"] = value
-        self._target_written = True
+    def _set_position(self, name: str, value: int) -> None:
+        self._rx[name] = value
+        self._written.add(name)
+
+    def _set_probe_function(self, row: ObjectEntry, value: int) -> None:
+        """Sources 10 (60D0h) and 11 of a probe are not offered."""
+        if value & 0x0808:
+            raise SdoError(Abort.RANGE, row.index, row.sub)
+        self._rx["probe_function"] = value
+
+    def _set_interpolation(self, row: ObjectEntry, value: int) -> None:
+        if value != 0:
+            raise SdoError(Abort.RANGE, row.index, row.sub)
 
     def _set_interval(self, row: ObjectEntry, value: int) -> None:
         """60C2h counts once value and index together give a period the drive can run."""

@@ -40,7 +40,8 @@ class DriveFeedback(NamedTuple):
     """What one period gives back: the words of ``sj_drive_tx``.
 
     Positions in pu, velocities in pu/s, torques in 0.1 % of the rated torque, currents in 0.1 % of
-    the rated current; ``position_internal`` and ``demand_internal`` in encoder increments.
+    the rated current; ``position_internal`` and ``demand_internal`` in encoder increments. What
+    touch probes have latched is 60BAh to 60BDh; ``probe_status`` (60B9h) says which of them counts.
 
     >>> Drive().enable().state.name
     'OPERATION_ENABLED'
@@ -62,6 +63,11 @@ class DriveFeedback(NamedTuple):
     demand_internal: int
     digital_inputs: int
     dc_link_mv: int
+    probe_1_positive: int
+    probe_1_negative: int
+    probe_2_positive: int
+    probe_2_negative: int
+    probe_status: int
 
     @property
     def state(self) -> DriveState:
@@ -206,12 +212,15 @@ class Drive:
         target_torque: int = 0,
         digital_outputs: int = 0,
         output_mask: int = 0,
+        interpolated_position: int = 0,
+        probe_function: int = 0,
         sync_missed: bool = False,
     ) -> DriveFeedback:
         """One SYNC period: words in, inner loops, words out.
 
         Positions are in pu and wrap as INT32; velocities in pu/s; torques in 0.1 % of the rated
-        torque. With `sync_missed` nothing came in this period, and the targets do not count.
+        torque. `interpolated_position` is 60C1h:1 of mode 7, `probe_function` 60B8h. With
+        `sync_missed` nothing came in this period, and the targets do not count.
         """
         rx = self._rx
         rx.controlword = controlword
@@ -225,6 +234,8 @@ class Drive:
         rx.target_torque = target_torque
         rx.digital_outputs = digital_outputs
         rx.output_mask = output_mask
+        rx.interpolated_position = (int(interpolated_position) + 2**31) % 2**32 - 2**31
+        rx.probe_function = probe_function
         lib.sj_drive_cycle_planned(self._c, rx, self._tx)
         tx = self._tx
         return DriveFeedback(
@@ -244,6 +255,11 @@ class Drive:
             tx.demand_internal,
             tx.digital_inputs,
             tx.dc_link_mv,
+            tx.probe_1_positive,
+            tx.probe_1_negative,
+            tx.probe_2_positive,
+            tx.probe_2_negative,
+            tx.probe_status,
         )
 
     def enable(self, *, mode: int = Mode.CSP) -> DriveFeedback:
@@ -256,9 +272,9 @@ class Drive:
     def inject(self, fault: DriveFault, present: bool = True) -> None:
         """Make the cause of a fault appear or go; the drive reacts in the next period.
 
-        Raises `ValueError` for a fault that comes from the motion: those after `LOST_LINK`.
+        Raises `ValueError` for a fault that comes from the motion: those after `RPDO_TIMEOUT`.
         """
-        if fault > DriveFault.LOST_LINK:
+        if fault > DriveFault.RPDO_TIMEOUT:
             raise ValueError(f"fault = {fault.name} comes from the motion, it cannot be injected")
         lib.sj_drive_inject(self._c, fault, present)
 

@@ -69,7 +69,13 @@ def _pdo(number: int, receive: bool) -> Iterator[Object]:
             ("Reserved", U8, "ro", "", 0, "", ""),
             ("Event timer", U16, "rw", "", 0, "ms", ""),
         ]
-    yield many(communication + number, f"{side} PDO {number + 1} communication", *rows, code=9)
+    name = f"{side} PDO {number + 1} communication"
+    record = many(communication + number, name, *rows, code=9)
+    if receive:  # sub-indices 3 and 4 are none
+        head = replace(record.entries[0], default=5)
+        timer = ObjectEntry(communication + number, 5, "Event timer", U16, "rw", "", 0, "ms", "")
+        record = replace(record, entries=(head, *record.entries[1:], timer))
+    yield record
     maps = (_RPDO_MAPS if receive else _TPDO_MAPS)[number]
     mapping = many(
         communication + 0x200 + number,
@@ -170,6 +176,10 @@ _MAKER: tuple[Object, ...] = (
           ("Velocity beyond limit", U32, "ro", "T", 0, "", "finding.VELOCITY"),
           ("Jerk beyond limit", U32, "ro", "T", 0, "", "finding.JERK"),
           ("SYNC unlike 60C2h", U32, "ro", "T", 0, "", "finding.PERIOD"), code=9),
+    many(0x2102, "Feed-forward of the drive itself",
+          ("Of the velocity, 0 .. 1", REAL, "rw", "", 1.0, "", "config.velocity_feedforward"),
+          ("Of the acceleration, 0 .. 1", REAL, "rw", "", 1.0, "",
+           "config.acceleration_feedforward"), code=9),
 )
 
 _PROFILE: tuple[Object, ...] = (
@@ -226,6 +236,7 @@ _PROFILE: tuple[Object, ...] = (
     var(0x6085, "Quick stop deceleration", U32, "rw", "R", 4194304000, "pu/s^2",
          "config.quick_stop_deceleration"),
     var(0x6086, "Motion profile type", I16, "ro", "", 3, "3: jerk-limited"),
+    var(0x6087, "Torque slope", U32, "rw", "R", 10000, "0.1 %/s", "config.torque_slope"),
     many(0x608F, "Position encoder resolution",
           ("Increments", U32, "ro", "", 1 << 24, "inc", "config.encoder_increments"),
           ("Motor revolutions", U32, "ro", "", 1, "rev", "config.encoder_revolutions")),
@@ -251,6 +262,15 @@ _PROFILE: tuple[Object, ...] = (
     var(0x60B0, "Position offset", I32, "rw", "R", 0, "pu", "rx.position_offset"),
     var(0x60B1, "Velocity offset", I32, "rw", "R", 0, "pu/s", "rx.velocity_offset"),
     var(0x60B2, "Torque offset", I16, "rw", "R", 0, "0.1 %", "rx.torque_offset"),
+    var(0x60B8, "Touch probe function", U16, "rw", "R", 0, "", "rx.probe_function"),
+    var(0x60B9, "Touch probe status", U16, "ro", "T", 0, "", "tx.probe_status"),
+    var(0x60BA, "Touch probe 1 positive edge", I32, "ro", "T", 0, "pu", "tx.probe_1_positive"),
+    var(0x60BB, "Touch probe 1 negative edge", I32, "ro", "T", 0, "pu", "tx.probe_1_negative"),
+    var(0x60BC, "Touch probe 2 positive edge", I32, "ro", "T", 0, "pu", "tx.probe_2_positive"),
+    var(0x60BD, "Touch probe 2 negative edge", I32, "ro", "T", 0, "pu", "tx.probe_2_negative"),
+    var(0x60C0, "Interpolation sub mode select", I16, "rw", "", 0, "0: linear", "special"),
+    many(0x60C1, "Interpolation data record",
+          ("Position set-point", I32, "rw", "R", 0, "pu", "rx.interpolated_position")),
     many(0x60C2, "Interpolation time period",
           ("Value", U8, "idle", "", 1, "s x 10^index", "special"),
           ("Index", I8, "idle", "", -3, "", "special"), code=9),
@@ -272,12 +292,13 @@ _PROFILE: tuple[Object, ...] = (
           ("Physical outputs", U32, "rw", "R", 0, "", "rx.digital_outputs"),
           ("Bit mask", U32, "rw", "R", 0, "", "rx.output_mask")),
     var(0x60FF, "Target velocity", I32, "rw", "R", 0, "pu/s", "rx.target_velocity"),
-    var(0x6502, "Supported drive modes", U32, "ro", "T", 0x000003A5),
+    var(0x6502, "Supported drive modes", U32, "ro", "T", 0x000003ED),
 )
 # fmt: on
 
 OBJECTS: dict[int, Object] = {thing.index: thing for thing in (*_COMMUNICATION, *_MAKER, *_PROFILE)}
 """Every object by its index."""
+_ENTRIES = {(row.index, row.sub): row for thing in OBJECTS.values() for row in thing.entries}
 
 DUMMIES: dict[int, int] = {0x01: 1, 0x02: 8, 0x03: 16, 0x04: 32, 0x05: 8, 0x06: 16, 0x07: 32}
 """Bits of the data types that may fill a receive PDO: they are skipped."""
@@ -291,10 +312,9 @@ def entry(index: int, sub: int) -> ObjectEntry:
     """
     if index not in OBJECTS:
         raise SdoError(Abort.NO_OBJECT, index, sub)
-    entries = OBJECTS[index].entries
-    if sub >= len(entries):
+    if (index, sub) not in _ENTRIES:
         raise SdoError(Abort.NO_SUBINDEX, index, sub)
-    return entries[sub]
+    return _ENTRIES[index, sub]
 
 
 def default(row: ObjectEntry, node_id: int) -> int | float | str:

@@ -27,7 +27,7 @@ class ControlWord(enum.IntFlag):
     ENABLE_OPERATION = 0x0008
     """Bit 3 enables the operation."""
     MODE_4 = 0x0010
-    """Bit 4 belongs to the mode: new set-point, or start of homing."""
+    """Bit 4 belongs to the mode: new set-point, start of homing, enable interpolation."""
     MODE_5 = 0x0020
     """Bit 5 belongs to the mode: change the set immediately."""
     MODE_6 = 0x0040
@@ -130,8 +130,12 @@ class Mode(enum.IntEnum):
     """The drive plans its own motion to 607Ah."""
     PROFILE_VELOCITY = 3
     """The drive plans its own motion to the velocity 60FFh."""
+    PROFILE_TORQUE = 4
+    """The torque goes to 6071h along the slope 6087h."""
     HOMING = 6
     """The drive looks for its reference by the method 6098h."""
+    INTERPOLATED_POSITION = 7
+    """60C1h:1 is the set-point of each period while bit 4 of the controlword is 1."""
     CSP = 8
     """Cyclic synchronous position: 607Ah is the set-point of each period."""
     CSV = 9
@@ -141,7 +145,7 @@ class Mode(enum.IntEnum):
 
 
 class DriveFault(enum.IntEnum):
-    """Faults by name. Those up to `LOST_LINK` can be injected (`Drive.inject`)."""
+    """Faults by name. Those up to `RPDO_TIMEOUT` can be injected (`Drive.inject`)."""
 
     OVER_CURRENT = 1
     """The output current is too high."""
@@ -161,13 +165,15 @@ class DriveFault(enum.IntEnum):
     """The brake has failed."""
     LOST_LINK = 9
     """The master is gone; 6007h says what the drive does."""
-    OVER_SPEED = 10
+    RPDO_TIMEOUT = 10
+    """A receive PDO did not come within its deadline (140xh:5); 6007h says what the drive does."""
+    OVER_SPEED = 11
     """The motor turns faster than it may."""
-    FOLLOWING_ERROR = 11
+    FOLLOWING_ERROR = 12
     """The following error was larger than 6065h for 6066h."""
-    REFERENCE_LIMIT = 12
+    REFERENCE_LIMIT = 13
     """A target was further than the jump limit from the one before."""
-    SYNC = 13
+    SYNC = 14
     """More SYNCs were missed than 10F1h:2 allows."""
 
     @property

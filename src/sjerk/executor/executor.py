@@ -11,15 +11,15 @@ from __future__ import annotations
 import itertools
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any, Self
 
 import numpy as np
 
-from sjerk.cycle.states import AxisState
 from sjerk.errors import InputError, PlanError, SjerkError, positive, real
+from sjerk.executor.accepted import AcceptedGoal
 from sjerk.executor.goal import (
     OPEN,
     GoalFeedback,
@@ -30,15 +30,14 @@ from sjerk.executor.goal import (
     check_tolerances,
     from_message,
     tolerances,
-    violated,
 )
 from sjerk.executor.handle import GoalHandle, GoalOrders, GoalProgress
-from sjerk.executor.planned import PlannedGoal, planned
-from sjerk.executor.sequencer import Joined, Sequencer, positions
+from sjerk.executor.joints import Joints
+from sjerk.executor.planned import planned
+from sjerk.executor.sequencer import Place, Sequencer, positions
 from sjerk.host import Feedback, Host, PathState
 from sjerk.trajectory import Trajectory, TrajectoryError
-from sjerk.trajectory.entering import Entered
-from sjerk.trajectory.segments import Knot
+from sjerk.trajectory.segments import Followed, Knot
 
 #: A goal that is to begin later than this, in seconds, has its stamp from another clock.
 FURTHEST = 3600.0
@@ -47,36 +46,18 @@ _HORIZON = 0.2
 #: How often a motion is planned to take over before the one in play is stopped instead.
 _TRIES = 6
 _CLOSED = "the executor is closed"
-_UNABLE = (AxisState.DISABLED, AxisState.ERROR_STOP, AxisState.STOPPING, AxisState.HOMING)
-
-
-@dataclass(eq=False)
-class _Goal:
-    """A goal that was accepted, as long as it is the newest."""
-
-    progress: GoalProgress
-    handle: GoalHandle
-    plan: PlannedGoal
-    settings: Settings
-    path_tolerance: list[Tolerance]
-    goal_tolerance: list[Tolerance]
-    goal_time: float
-    settled_at: float | None = None
-    joins: bool = False  # takes over from a motion in play
-    tries: int = 0
-
-    @property
-    def status(self) -> GoalStatus:
-        return self.progress.status
 
 
 class TrajectoryExecutor:
     """Plays trajectories on a host, one goal at a time; the newest replaces the one before.
 
-    ``joint_names``: one str per axis of the kernel, in order. ``clock``: the time of ``stamp``, in
-    seconds. ``on_feedback`` is called at ``feedback_rate`` (Hz), ``on_result`` once per goal. With
-    a kernel in a process a thread watches; in a caller's own loop ``update`` must be called now and
-    then between ``MotionKernel.step``.
+    ``joint_names``: one str per axis, in order; None: the axes' own (``Axis.name``). ``axes``:
+    those of these joints, else all; the others are free for other use, but for paths: a kernel
+    plays one path at a time. ``clock``: the time of ``stamp``, in seconds. ``on_feedback`` is
+    called at ``feedback_rate`` (Hz), ``on_result`` once per goal that was accepted, ``on_rest``
+    once when the axes of a goal that is over rest (``GoalHandle.rested``). With a kernel in a
+    process a thread watches; in a caller's own loop ``update`` must be called now and then between
+    ``MotionKernel.step``.
 
     A new goal takes over from the motion of the one before, at its stamp or as soon as it can be,
     without a stop where limits allow; a goal that is canceled comes to rest on its path.
@@ -98,31 +79,31 @@ class TrajectoryExecutor:
     def __init__(
         self,
         host: Host,
-        joint_names: Sequence[str],
+        joint_names: Sequence[str] | None = None,
         *,
+        axes: Sequence[int] | None = None,
         settings: Settings | None = None,
         feedback_rate: float = 20.0,
         clock: Callable[[], float] = time.time,
         on_feedback: Callable[[GoalHandle, GoalFeedback], None] | None = None,
         on_result: Callable[[GoalHandle], None] | None = None,
+        on_rest: Callable[[GoalHandle], None] | None = None,
     ) -> None:
         """Raises InputError."""
-        self._host, self._names = host, tuple(joint_names)
-        if isinstance(joint_names, str) or not all(isinstance(n, str) for n in self._names):
-            raise InputError("joint_names", joint_names, "must be a list of one str per axis")
-        count = host.axis_count
-        if len(self._names) != count or len(set(self._names)) != count:
-            raise InputError("joint_names", list(self._names), f"must be {count} different names")
+        self._host, self._joints = host, Joints.of(host, joint_names, axes)
         self._settings = settings or Settings()
         self._every = 1.0 / positive("feedback_rate", feedback_rate)
         self._clock = clock
-        self._on_feedback, self._on_result = on_feedback, on_result
+        self._on_feedback, self._on_result, self._on_rest = on_feedback, on_result, on_rest
         self._lock = threading.RLock()
         self._numbers = itertools.count(1)
-        self._goal: _Goal | None = None
+        self._goal: AcceptedGoal | None = None
+        self._braking: list[AcceptedGoal] = []  # over, and not known to rest
         self._sequencer = Sequencer(host)
         self._told = -np.inf
-        self._end = threading.Event()
+        self._closed = _CLOSED
+        self._end, self._wake = threading.Event(), threading.Event()
+        self._updating = threading.Lock()
         self._thread: threading.Thread | None = None
         if host.clocked:
             self._thread = threading.Thread(target=self._watch, daemon=True)
@@ -134,15 +115,23 @@ class TrajectoryExecutor:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def close(self) -> None:
-        """Cancel the goal that goes on, and watch no more; goals are refused from now on."""
+    def close(self, reason: str = "") -> None:
+        """End the goal that goes on, and watch no more; goals are refused from now on.
+
+        It is CANCELED, or with a ``reason`` ABORTED (-1, with that text), and comes to rest on its
+        path. ``on_rest`` is told by ``update`` only from then on.
+        """
+        self._closed = f"{_CLOSED}: {reason}" if reason else _CLOSED
         self._end.set()
-        if self._thread is not None:
-            self._thread.join()
         with self._lock:
             goal = self._goal
-        if goal is not None and goal.status in OPEN:
-            goal.handle.cancel()
+            if goal is not None and reason:
+                self._finish(goal, GoalStatus.ABORTED, ResultCode.INVALID_GOAL, reason)
+            elif goal is not None:
+                self._finish(goal, GoalStatus.CANCELED, ResultCode.SUCCESSFUL, _CLOSED)
+        self._wake.set()
+        if self._thread is not None and self._thread is not threading.current_thread():
+            self._thread.join()
 
     # ---- settings
 
@@ -198,7 +187,7 @@ class TrajectoryExecutor:
         progress = GoalProgress(next(self._numbers), trajectory)
         handle = self._handle(progress)
         if self._end.is_set():
-            return self._refuse(handle, progress, ResultCode.INVALID_GOAL, _CLOSED)
+            return self._refuse(handle, progress, ResultCode.INVALID_GOAL, self._closed)
         settings = self._settings
         for name, own in (("path_tolerance", path_tolerance), ("goal_tolerance", goal_tolerance)):
             check_tolerances(name, {} if own is None else own)
@@ -208,9 +197,11 @@ class TrajectoryExecutor:
                 progress.trajectory = trajectory
             stamp = real("stamp", stamp)
             frame = self._host.feedback()
-            plan = planned(trajectory, settings, frame, self._names, stamp=stamp, now=self._clock())
+            plan = planned(
+                trajectory, settings, frame, self._joints, stamp=stamp, now=self._clock()
+            )
             progress.plan, names = plan, trajectory.joint_names
-            goal = _Goal(
+            goal = AcceptedGoal(
                 progress,
                 handle,
                 plan,
@@ -228,20 +219,21 @@ class TrajectoryExecutor:
             text = f"stamp {stamp!r}: {ahead:g} s ahead of the clock, more than {FURTHEST:g}"
             return self._refuse(handle, progress, ResultCode.INVALID_GOAL, text)
         frame = self._host.feedback()
-        idle = self._idle(frame, names)
-        if idle:
-            text = f"not active: {', '.join(idle)}"
+        idle = self._joints.idle(self._host, frame, names)
+        text = f"not active: {', '.join(idle)}" if idle else self._busy(frame, plan.axes)
+        if text:
             return self._refuse(handle, progress, ResultCode.INVALID_GOAL, text)
         with self._lock:
             if self._end.is_set():  # closed meanwhile, and the goal would be watched no more
-                return self._refuse(handle, progress, ResultCode.INVALID_GOAL, _CLOSED)
+                return self._refuse(handle, progress, ResultCode.INVALID_GOAL, self._closed)
             before = self._goal
             if before is not None and before.status in OPEN:
                 text = f"replaced by goal {progress.number}"
                 goal.joins = True
                 self._ended(before, GoalStatus.ABORTED, ResultCode.INVALID_GOAL, text)
             self._goal = goal
-            self._look(frame)
+            self._sequencer.settle()
+        self._wake.set()
         return handle
 
     def _handle(self, progress: GoalProgress) -> GoalHandle:
@@ -258,29 +250,41 @@ class TrajectoryExecutor:
         self, handle: GoalHandle, progress: GoalProgress, code: ResultCode, text: str
     ) -> GoalHandle:
         progress.end(GoalStatus.REJECTED, code, text)
+        progress.rested.set()
         return handle
 
-    def _idle(self, frame: Feedback, names: Sequence[str]) -> list[str]:
-        """Joints of a goal whose axes cannot move now, or are to be disabled."""
-        orders = self._host.link.command.axis
-        return [
-            name
-            for i, (name, axis) in enumerate(zip(self._names, frame.axes, strict=True))
-            if name in names and (not axis.follows or axis.state in _UNABLE or not orders[i].enable)
-        ]
+    def _busy(self, frame: Feedback, axes: Sequence[int]) -> str:
+        """What is in the way of a path of these axes: one of others, else nothing."""
+        path = self._sequencer.other(frame)
+        return "" if path is None else self._joints.busy(path, axes)
 
     # ---- what goes on
 
     def update(self) -> None:
-        """Look once: start what waits, watch tolerances, report feedback and results."""
-        with self._lock:
-            self._sequencer.update()
-            if self._goal is not None and self._goal.status in OPEN:
-                self._look(self._host.feedback())
+        """Look once: start what waits, watch tolerances, report feedback and results.
+
+        A motion that is due is planned here; orders to goals, and new ones, need not wait for it.
+        """
+        if not self._updating.acquire(blocking=False):
+            return  # another thread does, or this is its callback
+        try:
+            with self._lock:
+                self._sequencer.update()
+                goal, due = self._goal, None
+                if goal is not None and goal.status in OPEN:
+                    due = self._look(self._host.feedback())
+                if self._braking:
+                    self._tell_rest(self._host.feedback())
+            if goal is not None and due is not None:
+                self._begin(goal, due)
+        finally:
+            self._updating.release()
 
     def _watch(self) -> None:
         pause = min(self._every, 5e-3)
-        while not self._end.wait(pause):
+        while not self._end.is_set():
+            self._wake.wait(pause)
+            self._wake.clear()
             if self._host.closed:
                 return
             try:
@@ -288,20 +292,29 @@ class TrajectoryExecutor:
             except SjerkError as error:
                 goal = self._goal
                 if goal is not None and goal.status in OPEN:
-                    self._ended(goal, GoalStatus.ABORTED, ResultCode.INVALID_GOAL, str(error))
+                    text = self._joints.told(error)
+                    self._ended(goal, GoalStatus.ABORTED, ResultCode.INVALID_GOAL, text)
                 if self._host.closed or not self._host.kernel_lives:
                     return
 
-    def _look(self, frame: Feedback) -> None:
+    def _look(self, frame: Feedback) -> Place | Knot | None:
+        """Where the motion of a goal that waits is to begin now; None: nowhere, or it has."""
         goal = self._goal
         assert goal is not None
         took_over = self._sequencer.verdict()
         if took_over is False and goal.status is GoalStatus.EXECUTING:
             goal.progress.status = GoalStatus.WAITING
         if goal.status is GoalStatus.WAITING:
-            if took_over is not None:
-                self._begin(goal, frame)
-            return
+            try:
+                return None if took_over is None else self._due(goal, frame)
+            except SjerkError as error:
+                self._fail(goal, error)
+                return None
+        self._follow(goal, frame)
+        return None
+
+    def _follow(self, goal: AcceptedGoal, frame: Feedback) -> None:
+        """Look at a goal whose motion is in play: report, watch tolerances, see its end."""
         feedback = self._feedback_of(goal, frame)
         goal.progress.feedback = feedback
         now = self._clock()
@@ -311,12 +324,11 @@ class TrajectoryExecutor:
         path = self._sequencer.path
         assert path is not None
         state = path.state
-        for k, limit in enumerate(goal.path_tolerance):
-            wrong = violated(feedback, k, limit)
-            if wrong:
-                code = ResultCode.PATH_TOLERANCE_VIOLATED
-                self._finish(goal, GoalStatus.ABORTED, code, f"path tolerance: {wrong}")
-                return
+        wrong = goal.off_path(feedback)
+        if wrong:
+            code = ResultCode.PATH_TOLERANCE_VIOLATED
+            self._finish(goal, GoalStatus.ABORTED, code, f"path tolerance: {wrong}")
+            return
         if state is PathState.DONE:
             self._settle(goal, feedback)
         elif state.ended:
@@ -324,63 +336,86 @@ class TrajectoryExecutor:
             try:
                 path.check()
             except SjerkError as error:
-                text = f"{text}; {error}"
+                text = f"{text}; {self._joints.told(error)}"
             self._ended(goal, GoalStatus.ABORTED, ResultCode.INVALID_GOAL, text)
 
-    def _begin(self, goal: _Goal, frame: Feedback) -> None:
+    def _due(self, goal: AcceptedGoal, frame: Feedback) -> Place | Knot | None:
         """Its motion takes over from the one in play, or begins when that is at rest."""
-        axes = goal.plan.axes
-        try:
-            self._sequencer.check()
-            if goal.joins and not self._sequencer.over:
-                goal.joins = self._join(goal)
-                if not goal.joins:
-                    self._sequencer.cancel()
-            elif self._sequencer.rests(frame, axes):
-                self._sequencer.start(goal.plan.enter(positions(frame, axes), self._clock()), axes)
-                self._executes(goal)
-        except SjerkError as error:
-            self._sequencer.cancel()
-            self._ended(goal, GoalStatus.ABORTED, ResultCode.INVALID_GOAL, str(error))
+        axes, sequencer = goal.plan.axes, self._sequencer
+        sequencer.check()
+        if sequencer.disturbed(axes):
+            return None
+        if sequencer.over or not goal.joins:
+            busy = self._busy(frame, axes)
+            if busy:
+                self._ended(goal, GoalStatus.ABORTED, ResultCode.INVALID_GOAL, busy)
+                return None
+            return positions(frame, axes) if sequencer.rests(frame, axes) else None
+        if goal.tries >= _TRIES or not sequencer.leads(axes):
+            self._rest_first(goal)
+            return None
+        stamp = goal.plan.stamp
+        ahead = max(0.0, stamp - self._clock()) if stamp else 0.0
+        return None if ahead > sequencer.lead + _HORIZON else sequencer.place(ahead)
 
-    def _join(self, goal: _Goal) -> bool:
-        """Whether its motion takes over, or will; else the one in play is to come to rest."""
-        plan = goal.plan
-        if goal.tries >= _TRIES or not self._sequencer.leads(plan.axes):
+    def _begin(self, goal: AcceptedGoal, due: Place | Knot) -> None:
+        """Plan its motion without the lock, and let it begin if that is still wanted."""
+        joins = isinstance(due, Place)
+        knot = due.cut.knot if isinstance(due, Place) else due
+        later = due.lead * self._host.cycle_time if isinstance(due, Place) else 0.0
+        error: SjerkError | None = None
+        try:
+            blocks = goal.plan.enter(knot, self._clock() + later).blocks
+            blocks = itertools.chain([next(blocks)], blocks)
+        except SjerkError as fault:
+            error = fault
+        with self._lock:
+            if self._goal is not goal or goal.status is not GoalStatus.WAITING:
+                return
+            try:
+                if error is not None:
+                    raise error
+                if self._sends(goal, due, blocks):
+                    self._executes(goal)
+            except SjerkError as fault:
+                if joins and isinstance(fault, PlanError | InputError):
+                    self._rest_first(goal)  # no motion from that state within the limits
+                else:
+                    self._fail(goal, fault)
+
+    def _sends(self, goal: AcceptedGoal, due: Place | Knot, blocks: Iterator[Followed]) -> bool:
+        """Whether the motion was sent; else the place is another one by now."""
+        axes, sequencer = goal.plan.axes, self._sequencer
+        if isinstance(due, Place):
+            goal.tries += 1
+            return due.path is sequencer.path and sequencer.join(blocks, due)
+        frame = self._host.feedback()
+        there = np.array_equal(positions(frame, axes).position, due.position)
+        if not there or sequencer.disturbed(axes) or not sequencer.rests(frame, axes):
             return False
-        now = self._clock()
-        ahead = max(0.0, plan.stamp - now) if plan.stamp else 0.0
-        if ahead > self._sequencer.lead + _HORIZON:
-            return True
-
-        def make(knot: Knot, ahead: float) -> Entered:
-            return plan.enter(knot, now + ahead)
-
-        try:
-            joined = self._sequencer.join(make, ahead)
-        except (PlanError, InputError):
-            return False  # no motion from that state within the limits; from rest there may be one
-        goal.tries += joined is not Joined.END
-        if joined is Joined.SENT:
-            self._executes(goal)
+        sequencer.start(blocks, axes)
         return True
 
-    def _executes(self, goal: _Goal) -> None:
+    def _rest_first(self, goal: AcceptedGoal) -> None:
+        """Its motion begins once the one in play has come to rest."""
+        goal.joins = False
+        self._sequencer.cancel()
+
+    def _fail(self, goal: AcceptedGoal, error: SjerkError) -> None:
+        self._sequencer.cancel()
+        text = self._joints.told(error)
+        self._ended(goal, GoalStatus.ABORTED, ResultCode.INVALID_GOAL, text)
+
+    def _executes(self, goal: AcceptedGoal) -> None:
         path = self._sequencer.path
         assert path is not None
         goal.progress.status = GoalStatus.EXECUTING
         if goal.settings.speed != path.factor:
             path.speed(goal.settings.speed)
 
-    def _settle(self, goal: _Goal, feedback: GoalFeedback) -> None:
+    def _settle(self, goal: AcceptedGoal, feedback: GoalFeedback) -> None:
         """The command has arrived: the joints are within tolerance, or have time left."""
-        wrong = [w for k, t in enumerate(goal.goal_tolerance) if (w := violated(feedback, k, t))]
-        checked = any(tolerance != Tolerance() for tolerance in goal.goal_tolerance)
-        fast = np.flatnonzero(np.abs(feedback.actual_velocity) > goal.settings.stopped_velocity)
-        if checked and len(fast):
-            k = int(fast[0])
-            speed = feedback.actual_velocity[k]
-            wrong.append(f"joint {feedback.joint_names[k]}: velocity {speed:g} is not rest")
+        wrong = goal.off_goal(feedback)
         if not wrong:
             self._ended(goal, GoalStatus.SUCCEEDED, ResultCode.SUCCESSFUL, "goal reached")
             return
@@ -388,11 +423,11 @@ class TrajectoryExecutor:
         if goal.settled_at is None:
             goal.settled_at = now
         elif goal.goal_time and now - goal.settled_at > goal.goal_time:
-            text = f"goal tolerance, {goal.goal_time:g} s after the motion: {wrong[0]}"
+            text = f"goal tolerance, {goal.goal_time:g} s after the motion: {wrong}"
             code = ResultCode.GOAL_TOLERANCE_VIOLATED
             self._ended(goal, GoalStatus.ABORTED, code, text)
 
-    def _feedback_of(self, goal: _Goal, frame: Feedback) -> GoalFeedback:
+    def _feedback_of(self, goal: AcceptedGoal, frame: Feedback) -> GoalFeedback:
         plan, progress = goal.plan, self._sequencer.progress
         axes = [frame.axes[i] for i in plan.joint_axes]
         rows = [
@@ -428,7 +463,7 @@ class TrajectoryExecutor:
             if goal is not None and goal.progress is progress:
                 self._finish(goal, GoalStatus.CANCELED, ResultCode.SUCCESSFUL, "canceled")
 
-    def _finish(self, goal: _Goal, status: GoalStatus, code: ResultCode, text: str) -> None:
+    def _finish(self, goal: AcceptedGoal, status: GoalStatus, code: ResultCode, text: str) -> None:
         """End a goal that goes on: its motion stops on the path."""
         with self._lock:
             if goal.status not in OPEN:
@@ -436,7 +471,23 @@ class TrajectoryExecutor:
             self._sequencer.cancel()
             self._ended(goal, status, code, text)
 
-    def _ended(self, goal: _Goal, status: GoalStatus, code: ResultCode, text: str) -> None:
+    def _ended(self, goal: AcceptedGoal, status: GoalStatus, code: ResultCode, text: str) -> None:
         goal.progress.end(status, code, text)
+        self._braking.append(goal)
         if self._on_result is not None:
             self._on_result(goal.handle)
+
+    def _tell_rest(self, frame: Feedback) -> None:
+        """Goals that are over, once their axes rest or are another motion's."""
+        newest, sequencer = self._goal, self._sequencer
+        left = newest is not None and newest.status is GoalStatus.EXECUTING and sequencer.plays
+        over = [
+            goal
+            for goal in self._braking
+            if (left and goal is not newest) or sequencer.rests(frame, goal.plan.axes)
+        ]
+        for goal in over:
+            self._braking.remove(goal)
+            goal.progress.rested.set()
+            if self._on_rest is not None:
+                self._on_rest(goal.handle)

@@ -26,6 +26,7 @@ class GoalProgress:
     feedback: GoalFeedback | None = None
     plan: PlannedGoal | None = None
     over: threading.Event = field(default_factory=threading.Event)
+    rested: threading.Event = field(default_factory=threading.Event)
 
     def end(self, status: GoalStatus, code: ResultCode, text: str) -> None:
         """This is its result."""
@@ -97,8 +98,19 @@ class GoalHandle:
             raise TimeoutError(f"goal {self.number}: not within {timeout} s")
         return self.code, self.text
 
+    @property
+    def rested(self) -> bool:
+        """Whether it is over and its axes rest, or another goal's motion has taken over from it.
+
+        ``status`` tells CANCELED or ABORTED at once, while the axes still brake.
+        """
+        return self._progress.rested.is_set()
+
     def cancel(self) -> None:
-        """Stop on the path, jerk-limited, from the commanded state; CANCELED at once."""
+        """Stop on the path, jerk-limited, from the commanded state; CANCELED at once.
+
+        Who is to be told at rest looks at ``rested``, or gives the executor ``on_rest``.
+        """
         self._orders.cancel()
 
     def pause(self) -> None:

@@ -5,13 +5,13 @@ Never here: playing, watching, codes of results.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sjerk.executor.goal import Settings
+from sjerk.executor.joints import Joints
 from sjerk.executor.sequencer import counted
 from sjerk.host import Feedback
 from sjerk.trajectory import ExecutionMode, FaultKind, Trajectory, TrajectoryError, resample
@@ -56,30 +56,30 @@ def planned(
     trajectory: Trajectory,
     settings: Settings,
     frame: Feedback,
-    joint_names: Sequence[str],
+    joints: Joints,
     *,
     stamp: float,
     now: float,
 ) -> PlannedGoal:
     """Check a trajectory, and how its motion will be planned; raises TrajectoryError.
 
-    ``joint_names``: of the kernel's axes, in order. ``stamp`` and ``now`` (s) of one clock.
+    ``stamp`` and ``now`` (s) of one clock.
     """
     names = trajectory.joint_names
-    known = joint_names
+    known = joints.names
     if settings.allow_partial_joints:
-        known = [name for name in joint_names if name in names] or joint_names
+        known = tuple(name for name in joints.names if name in names) or joints.names
     faults = list(
         trajectory.faults(
             joints=known,
             begins=now if stamp == 0.0 else stamp,
             now=now,
-            end_velocity_allowed=settings.allow_end_velocity,
+            end_velocity_allowed=True,
         )
     )
     if any(fault.kind is FaultKind.JOINTS for fault in faults):
         raise TrajectoryError(faults)
-    joint_axes = [joint_names.index(name) for name in names]
+    joint_axes = [joints.axis(name) for name in names]
     axes = [frame.axes[i] for i in joint_axes]
     tolerance = settings.start_tolerance
     faults += [
@@ -88,7 +88,7 @@ def planned(
             [axis.limits for axis in axes],
             start=None if tolerance is None else [axis.position for axis in axes],
             start_tolerance=tolerance or 1.0,
-            end_velocity_allowed=True,
+            end_velocity_allowed=settings.allow_end_velocity,
         )
         # accelerations are kept anyway; a stretch is reported
         if fault.kind is not FaultKind.ACCELERATION_LIMIT
@@ -105,7 +105,7 @@ def planned(
     return PlannedGoal(
         joint_axes,
         order,
-        trajectory.take(chosen).for_joints([joint_names[i] for i in order]),
+        _to_rest(trajectory.take(chosen).for_joints([joints.name(i) for i in order])),
         chosen,
         Entry(
             [frame.axes[i].limits for i in order],
@@ -116,3 +116,12 @@ def planned(
         stamp,
         single,
     )
+
+
+def _to_rest(way: Trajectory) -> Trajectory:
+    """The same, with velocity 0 at its end: a path ends at rest."""
+    if way.velocity is None:
+        return way
+    velocity = way.velocity.copy()
+    velocity[-1] = 0.0
+    return Trajectory(way.joint_names, way.time, way.position, velocity, way.acceleration)

@@ -6,20 +6,15 @@ do where the kernel says no. Never here: planning, goals.
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Iterator, Sequence
-from enum import Enum, auto
+from dataclasses import dataclass
 
 import numpy as np
 
 from sjerk.errors import InputError
-from sjerk.executor.history import History
-from sjerk.host import Feedback, Host, Path, PathState, Progress
-from sjerk.trajectory.entering import Entered
+from sjerk.executor.history import Cut, History
+from sjerk.host import Feedback, Host, Path, PathFeedback, PathState, Progress
 from sjerk.trajectory.segments import Followed, Knot
-
-#: A motion from a state, when so many seconds from now it is reached.
-Make = Callable[[Knot, float], Entered]
 
 #: Cycles for an order to be taken by the kernel; and to begin with for planning too.
 _TAKEN, _LEAD = 20, 32
@@ -27,12 +22,14 @@ _TAKEN, _LEAD = 20, 32
 _SLOWEST = 0.1
 
 
-class Joined(Enum):
-    """What has become of a motion that is to take over."""
+@dataclass(frozen=True, eq=False)
+class Place:
+    """Where a motion is to take over: ``lead`` cycles after the frame of ``cycle``."""
 
-    SENT = auto()  #: the kernel will answer
-    LATE = auto()  #: planned for a place that was passed meanwhile: once more
-    END = auto()  #: the motion in play ends before
+    path: Path
+    cut: Cut
+    lead: float
+    cycle: int
 
 
 class Sequencer:
@@ -81,12 +78,24 @@ class Sequencer:
         """The way-point ahead of the newest motion, in its trajectory's numbers."""
         return self._history.ahead(max(progress.point, self.first))
 
+    def other(self, frame: Feedback) -> PathFeedback | None:
+        """The path of another hand that the kernel has in play; None: there is none."""
+        path, mine = frame.path, [self.path, *(self._before or ())[:1]]
+        if path.state.ended or not path.axes:
+            return None
+        return None if any(own and own.goal_id == path.goal_id for own in mine) else path
+
+    @property
+    def plays(self) -> bool:
+        """Whether the newest motion is known to be in play."""
+        return self._before is None and self.path is not None and not self.path.state.ended
+
     # ---- motions
 
-    def start(self, made: Entered, axes: Sequence[int]) -> None:
+    def start(self, blocks: Iterator[Followed], axes: Sequence[int]) -> None:
         """From rest; raises what ``Host.follow`` does."""
         history = History()
-        self.path = self._host.follow(history.keep(made.blocks), axes=axes)
+        self.path = self._host.follow(history.keep(blocks), axes=axes)
         self._history, self._before, self.first = history, None, 1
         self._stopped = False
 
@@ -101,30 +110,35 @@ class Sequencer:
             and path.progress.speed >= _SLOWEST
         )
 
-    def join(self, make: Make, ahead: float) -> Joined:
-        """Take over in so many seconds, or as soon as it can be; raises what planning raises."""
+    def place(self, ahead: float) -> Place | None:
+        """Where a motion takes over in so many seconds, or as soon as it can be.
+
+        None: the motion in play ends before.
+        """
         assert self.path is not None
         frame, progress = self._host.feedback(), self.path.progress
         lead = max(self._lead / min(1.0, progress.speed), ahead / self._T)
         cycles = progress.time / self._T
         cut = self._history.find(progress.point, cycles, progress.speed * lead)
-        if cut is None:
-            return Joined.END
-        made = make(cut.knot, lead * self._T)
-        blocks = itertools.chain([next(made.blocks)], made.blocks)
-        spent = self._host.feedback().cycle - frame.cycle
-        if spent + _TAKEN > lead:
+        return None if cut is None else Place(self.path, cut, lead, frame.cycle)
+
+    def join(self, blocks: Iterator[Followed], place: Place) -> bool:
+        """Take over there; False: it has been planned too late, or that place is none any more."""
+        cut, path = place.cut, place.path
+        spent = self._host.feedback().cycle - place.cycle
+        if spent + _TAKEN > place.lead:
             self._lead = 2 * spent + _LEAD
-            return Joined.LATE
-        history, path = cut.before, self.path
+            return False
+        history = cut.before
         try:
-            self.path = path.splice(history.keep(blocks), cut.at, after=cut.after)
+            new = path.splice(history.keep(blocks), cut.at, after=cut.after)
         except InputError:
             self._lead *= 2
-            return Joined.LATE
-        self._before, self._history, self.first = (path, self._history), history, cut.first
+            return False
+        self._before, self.path = (path, self._history), new
+        self._history, self.first = history, cut.first
         self._stopped = False
-        return Joined.SENT
+        return True
 
     def verdict(self) -> bool | None:
         """Whether the newest motion is in play; None: not known yet. False: the one before is."""
@@ -148,8 +162,26 @@ class Sequencer:
             self._stopped = True
             self.path.cancel()
 
+    def settle(self) -> None:
+        """What another hand has stopped by now is of the past: a motion may begin after it."""
+        path = self.path
+        if path is not None and (
+            path.state.ended or path.state is PathState.STOPS or self._host.link.ending(path.axes)
+        ):
+            self._stopped = True
+
+    def disturbed(self, axes: Sequence[int]) -> bool:
+        """Whether a stop or a goal of another hand is being taken, or carried out on the path."""
+        path = self.path
+        if path is not None and path.state is PathState.STOPS and not self._stopped:
+            return True
+        return self._host.link.ending({*axes, *(() if path is None else path.axes)})
+
     def check(self) -> None:
-        """Raise where another hand has ended the newest motion: nothing is to begin after it."""
+        """Raise where another hand has ended the newest motion: nothing is to begin after it.
+
+        But for what had been ended when ``settle`` was called.
+        """
         if self.path is not None and not self._stopped and self.over:
             self.path.check()
 

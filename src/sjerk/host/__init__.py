@@ -2,7 +2,14 @@
 
 from sjerk.host.arguments import BUFFERS, Axes, Buffer, Direction, Target
 from sjerk.host.events import Event, EventKind, StopKind
-from sjerk.host.feedback import AxisFeedback, Feedback, KernelState, PathFeedback, PathState
+from sjerk.host.feedback import (
+    AxisFeedback,
+    Feedback,
+    KernelState,
+    LimitSwitch,
+    PathFeedback,
+    PathState,
+)
 from sjerk.host.host import Host
 from sjerk.host.monitor import Monitor
 from sjerk.host.move import Move, MoveState
@@ -25,6 +32,7 @@ __all__ = [
     "Grant",
     "Host",
     "KernelState",
+    "LimitSwitch",
     "Monitor",
     "Move",
     "MoveState",

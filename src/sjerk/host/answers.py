@@ -6,38 +6,36 @@ Never here: commands, waiting, the layout of the memory.
 from __future__ import annotations
 
 import threading
+from collections.abc import Iterable, Sequence
 from typing import Any
 
-from sjerk._binding import lib
-from sjerk.errors import RefusedError
+from sjerk.errors import MotionStoppedError, RefusedError
 from sjerk.handshake import Segment
 from sjerk.host.events import EventKind
-from sjerk.host.feedback import PathState
+from sjerk.host.feedback import PathState, switches_of
 from sjerk.host.reader import EventCursor
+from sjerk.host.reasons import HOMING_FAILED, REASONS
 
-#: Why a goal was refused, by ``enum sj_result``.
-REASONS = {
-    lib.SJ_RESULT_NOT_FOLLOWING: "the drive does not follow (not enabled, or stopped by itself)",
-    lib.SJ_RESULT_PLAN: "a number or a limit cannot be planned with",
-    lib.SJ_RESULT_RANGE: "the goal is beyond what the drive can count",
-    lib.SJ_RESULT_LIMITS: "its limits are not numbers within those of the axis",
-    lib.SJ_RESULT_STOPPED: "a stop came with it, or the kernel is ending",
-    lib.SJ_RESULT_STATE: "the axis is stopping, homing, or has an error",
-    lib.SJ_RESULT_LIMIT: "it would leave the position limits of the axis",
-    lib.SJ_RESULT_SPEED: "faster than the drive follows",
-    lib.SJ_RESULT_KIND: "a record of an unknown kind, or not in its place",
-    lib.SJ_RESULT_START: "the path does not begin where the axes are: move there first",
-    lib.SJ_RESULT_SEGMENT: "a segment is not valid, or does not continue the one before",
-    lib.SJ_RESULT_BEGUN: "what it is to replace has begun, or its path is over",
-}
-#: ``code`` of a fault of the homing itself, of which the drive has no error code.
-HOMING_FAILED = -1
 _KEPT = 4096  # answers of each kind
 
 
-def refusal(code: int, axis: int, detail: str = "") -> RefusedError:
-    """The error of an ``enum sj_result``; ``axis`` -1: of none in particular."""
-    return RefusedError(code, "; ".join(filter(None, (REASONS[code], detail))), axis)
+def refusal(code: int, axis: int, detail: str = "", *, names: Sequence[str] = ()) -> RefusedError:
+    """The error of an ``enum sj_result``; ``axis`` -1: of none in particular; ``names``: of all."""
+    return RefusedError(code, "; ".join(filter(None, (REASONS[code], detail))), axis, names)
+
+
+def stopped(
+    frame: Any, axes: Iterable[int], unhomed: int | None = None, *, names: Sequence[str] = ()
+) -> MotionStoppedError:
+    """The error of a motion that ended elsewhere, and why, as far as the frame says."""
+    rows = {i: frame.axis[i] for i in axes}
+    return MotionStoppedError(
+        {i: float(axis.position) for i, axis in rows.items()},
+        {i: int(axis.error_code) for i, axis in rows.items() if axis.fault},
+        unhomed,
+        {i: int(closed) for i, axis in rows.items() if (closed := switches_of(axis))},
+        names=names,
+    )
 
 
 class Answers:

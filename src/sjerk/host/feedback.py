@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from enum import Enum, IntEnum
+from enum import Enum, IntEnum, IntFlag
 from typing import Any
 
 from sjerk._binding import ffi, lib
@@ -58,15 +58,24 @@ class PathFeedback:
     known: int
 
 
+class LimitSwitch(IntFlag):
+    """Limit switches of an axis that are closed, as 60FDh has them."""
+
+    NEGATIVE = lib.SJ_DI_NEGATIVE  #: The switch in negative direction of the motor is closed.
+    POSITIVE = lib.SJ_DI_POSITIVE  #: The switch in positive direction of the motor is closed.
+
+
 @dataclass(frozen=True)
 class AxisFeedback:
     """One axis in one cycle; positions in axis units, time in seconds.
 
     ``position`` to ``jerk`` are the commanded sample, ``peak_*`` the largest magnitudes of it since
     the last goal came, ``actual_*`` the encoder's. ``settled``: the goal has been reached.
-    ``following_error`` is the drive's own (60F4h,
-    increments). ``limits`` are those in force, with the position limits; ``wrap`` axis units make
-    one turn, 0 for none.
+    ``following_error`` is the drive's own (60F4h, increments), of which ``counts_per_unit`` make
+    one axis unit; ``digital_inputs`` its 60FDh. ``velocity_offset`` (60B1h) and ``torque_offset``
+    (60B2h) are what the kernel feeds forward, in the drive's own units. ``limits`` are those in
+    force, with the position limits; ``wrap`` axis units make one turn, 0 for none. ``name`` is ""
+    where the axis has none.
     """
 
     position: float
@@ -85,6 +94,9 @@ class AxisFeedback:
     following_error: int
     statusword: int
     error_code: int
+    digital_inputs: int
+    velocity_offset: int
+    torque_offset: int
     moving: bool
     settled: bool
     follows: bool
@@ -94,6 +106,8 @@ class AxisFeedback:
     limits: Limits
     unit: str
     wrap: float
+    name: str
+    counts_per_unit: float
 
     @property
     def turned(self) -> float:
@@ -101,9 +115,79 @@ class AxisFeedback:
         return self.position % self.wrap if self.wrap else self.position
 
     @property
+    def limit_switches(self) -> LimitSwitch:
+        """The limit switches that are closed; none is 0."""
+        return switches_of(self)
+
+    @property
     def drive_state(self) -> DriveState:
         """The drive's state by its statusword."""
         return DriveState.of(self.statusword)
+
+
+@dataclass(frozen=True)
+class AxisBus:
+    """The drive of an axis, as the port that reaches it sees it.
+
+    ``lost``: cycles without an answer of it, ``wrong``: those with another working counter,
+    ``in_row``: the last ones. ``state``, ``code``: 0130h and 0134h on EtherCAT, 0 not known.
+    """
+
+    lost: int
+    wrong: int
+    in_row: int
+    counter: int
+    state: int
+    code: int
+
+
+@dataclass(frozen=True)
+class BusFeedback:
+    """The bus of external drives that the kernel's process exchanges.
+
+    ``sent``, ``lost``, ``stray``: frames; ``phase``, ``worst_phase``, ``correction``: seconds, the
+    cycle against the drives' clock; ``states``: of all ``present`` devices, joined by or;
+    ``foreign``: another main device has taken the drives; ``axes``: by number.
+    """
+
+    sent: int
+    lost: int
+    stray: int
+    phase: float
+    worst_phase: float
+    correction: float
+    devices: int
+    present: int
+    states: int
+    aligned: bool
+    foreign: bool
+    axes: dict[int, AxisBus]
+
+    @classmethod
+    def of(cls, frame: Any) -> BusFeedback | None:
+        """Read a ``sj_feedback``; None where no port exchanges anything."""
+        raw, ns = frame.bus, 1e-9
+        if not raw.devices:
+            return None
+        rows = {i: frame.axis[i].bus for i in range(frame.axes) if frame.axis[i].bus.present}
+        axes = {
+            i: AxisBus(row.lost, row.wrong, row.in_row, row.counter, row.state, row.code)
+            for i, row in rows.items()
+        }
+        return cls(
+            raw.sent,
+            raw.lost,
+            raw.stray,
+            raw.phase_ns * ns,
+            raw.worst_ns * ns,
+            raw.correction_ns * ns,
+            raw.devices,
+            raw.present,
+            raw.states,
+            bool(raw.aligned),
+            bool(raw.foreign),
+            axes,
+        )
 
 
 class KernelState(Enum):
@@ -118,7 +202,7 @@ class Feedback:
     """One frame of the kernel's feedback: all axes in the same cycle.
 
     ``age``: seconds from the begin of its cycle to its reading; None in a caller's own loop, which
-    has no time. ``time_ns``: that begin, CLOCK_MONOTONIC.
+    has no time. ``time_ns``: that begin, CLOCK_MONOTONIC. ``bus``: of external drives, or None.
     """
 
     def __init__(self, frame: Any, cycle_time: float, age: float | None = None) -> None:
@@ -132,6 +216,7 @@ class Feedback:
         self.hold = bool(frame.hold)
         self.axes = tuple(_axis_feedback(frame.axis[i], cycle_time) for i in range(frame.axes))
         self.path = _path_feedback(frame.path, cycle_time)
+        self.bus = BusFeedback.of(frame)
 
     def __repr__(self) -> str:
         return f"Feedback(cycle={self.cycle}, axes={self.axes!r})"
@@ -158,6 +243,16 @@ class Feedback:
         )
         late = int(frame.late) - (0 if since is None else int(since.late))
         return Timing(latency, period, computing, late, ClockReport.of(frame.clock))
+
+
+def switches_of(axis: Any) -> LimitSwitch:
+    """The limit switches that are closed, of anything with ``digital_inputs`` (60FDh)."""
+    return LimitSwitch(axis.digital_inputs & (LimitSwitch.NEGATIVE | LimitSwitch.POSITIVE))
+
+
+def names_of(frame: Any) -> tuple[str, ...]:
+    """The names of the axes of a ``sj_feedback``, by number; "" where there is none."""
+    return tuple(ffi.string(frame.axis[i].name).decode() for i in range(frame.axes))
 
 
 def limits_of(raw: Any, T: float) -> Limits:
@@ -204,6 +299,9 @@ def _axis_feedback(raw: Any, T: float) -> AxisFeedback:
         following_error=raw.following_error,
         statusword=raw.statusword,
         error_code=raw.error_code,
+        digital_inputs=raw.digital_inputs,
+        velocity_offset=raw.velocity_offset,
+        torque_offset=raw.torque_offset,
         moving=bool(raw.moving),
         settled=bool(raw.settled),
         follows=bool(raw.follows),
@@ -213,4 +311,6 @@ def _axis_feedback(raw: Any, T: float) -> AxisFeedback:
         limits=limits_of(raw, T),
         unit=ffi.string(raw.unit).decode(),
         wrap=raw.wrap,
+        name=ffi.string(raw.name).decode(),
+        counts_per_unit=raw.counts_per_unit,
     )

@@ -116,6 +116,11 @@ class Host(Observer):
         return self._link.axes
 
     @property
+    def names(self) -> tuple[str, ...]:
+        """What the axes are called (``Axis.name``), by number; "" where one has no name."""
+        return self._link.names
+
+    @property
     def clocked(self) -> bool:
         """Whether a process runs the cycle, so that waiting makes sense; else ``step`` does."""
         return self._link.clocked
@@ -153,9 +158,25 @@ class Host(Observer):
             )
 
     def disable(self, timeout: float | None = 5.0, *, axes: Axes = None) -> None:
-        """Disable drives, each once it is at rest."""
+        """Stop as ``halt`` does, then disable these drives, each once it is at rest.
+
+        Whatever moves them: a jog, a move, a path, held or not. What waits for them is dropped. A
+        drive that homes stops by its own ramp (605Ch). ``timeout`` as of ``halt``.
+
+        >>> from sjerk import Axis, MotionKernel
+        >>> kernel = MotionKernel([Axis(Limits(90.0, 500.0, 5000.0), 2**24 / 360, "ideal")])
+        >>> host = kernel.host()
+        >>> host.enable()
+        >>> kernel.step(5)
+        >>> jog = host.jog(30.0)
+        >>> kernel.step(300)
+        >>> host.disable()
+        >>> kernel.step(300)
+        >>> host.feedback().axes[0].enabled, jog.state.name
+        (False, 'STOPPED')
+        """
         chosen = self._enable(axes, 0)
-        if self._link.clocked:
+        if self._link.clocked and timeout != 0.0:
             self._link.wait_until(
                 lambda frame: not any(frame.axis[i].enabled for i in chosen),
                 timeout,
@@ -187,8 +208,8 @@ class Host(Observer):
     def halt(self, timeout: float | None = 30.0, *, axes: Axes = None) -> None:
         """Bring axes to rest within the limits of their moves; returns at rest.
 
-        All axes of a move slow down together. A new goal may replace a halt. In a caller's own loop
-        it returns at once.
+        All axes of a move slow down together. A new goal may replace a halt. With ``timeout`` 0 the
+        order is sent and nothing is waited for, as in a caller's own loop.
         """
         self._stopped("halts", axes, timeout)
 
@@ -202,7 +223,7 @@ class Host(Observer):
         """Bring each axis to rest as soon as its own stop limits allow.
 
         Goals are refused until then. ``together``: all of them as late as the slowest, where the
-        distance to the goal and the limits allow.
+        distance to the goal and the limits allow. ``timeout`` as of ``halt``.
         """
         with self._link.lock:
             for i in axis_numbers(axes, self.axis_count):
@@ -212,7 +233,7 @@ class Host(Observer):
     def _stopped(self, edge: str, axes: Axes, timeout: float | None) -> None:
         chosen = axis_numbers(axes, self.axis_count)
         sequence = self._link.count(edge, chosen)
-        if self._link.clocked:
+        if self._link.clocked and timeout != 0.0:
             self._link.wait_until(
                 lambda frame: (
                     frame.sequence >= sequence and not any(frame.axis[i].moving for i in chosen)
@@ -258,6 +279,8 @@ class Host(Observer):
         """
         patience(timeout)
         chosen = axis_numbers(axes, self.axis_count)
+        if not isinstance(limits, Limits):
+            raise InputError("limits", limits, "must be a Limits")
         with self._link.lock:
             for i in chosen:
                 entry = self._link.command.axis[i]
@@ -269,7 +292,7 @@ class Host(Observer):
         for i in chosen:
             asked = self._link.command.axis[i].limits.velocity
             if frame is not None and frame.axis[i].limits.velocity != asked:
-                raise refusal(lib.SJ_RESULT_SPEED, i)
+                raise refusal(lib.SJ_RESULT_SPEED, i, names=self._link.names)
             self._link.limits[i] = replace(limits, position=self._link.limits[i].position)
 
     def move(

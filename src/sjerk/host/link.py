@@ -16,7 +16,7 @@ from sjerk._binding import ffi, lib
 from sjerk.errors import SjerkError, positive
 from sjerk.handshake import Segment
 from sjerk.host.answers import Answers
-from sjerk.host.feedback import limits_of
+from sjerk.host.feedback import limits_of, names_of
 from sjerk.host.reader import FrameReader
 from sjerk.profile import Limits, State
 
@@ -51,8 +51,8 @@ class Link(FrameReader):
     """A kernel that can be commanded: what a host and the handles of its motions have in common.
 
     ``lock`` guards ``command``, the ``sj_command`` that is published next, and the ring: other
-    threads run while C does. ``cycle_time`` in seconds; ``limits`` and ``wraps`` by axis, as they
-    were when the link began, or as the host has set them since.
+    threads run while C does. ``cycle_time`` in seconds; ``limits``, ``wraps`` and ``names`` by
+    axis, as they were when the link began, or as the host has set them since.
     """
 
     def __init__(self, segment: Segment, *, clocked: bool, after: int = 0) -> None:
@@ -65,7 +65,9 @@ class Link(FrameReader):
         self.cycle_time = 0.0
         self.limits: list[Limits] = []
         self.wraps: list[float] = []
+        self.names: tuple[str, ...] = ()
         self.flushed = 0  # number of the last record that was in the ring when it was emptied
+        self._ended = [0] * self.axes  # number of the last command that ends what an axis does
         self._cancelled = 0  # number of the command that cancelled last
         self._unsent: WeakSet[Unsent] = WeakSet()
         self._feeding: WeakSet[Feeding] = WeakSet()
@@ -88,6 +90,7 @@ class Link(FrameReader):
                 setattr(command.axis[i], name, getattr(frame.axis[i], name))
         self.limits = [limits_of(frame.axis[i], self.cycle_time) for i in range(self.axes)]
         self.wraps = [float(frame.axis[i].wrap) for i in range(self.axes)]
+        self.names = names_of(frame)
 
     def close(self) -> None:
         """Leave the kernel to itself, once no thread uses its memory."""
@@ -244,13 +247,24 @@ class Link(FrameReader):
     def stopping(self, axes: Iterable[int]) -> None:
         """The command is to stop all that was given for these axes. Under the lock."""
         self.command.stop_records = lib.sj_ring_published(self.segment.base)
+        self._ends(axes)
         for goal in self._unsent:
             if goal.result is None and not goal.axes.isdisjoint(axes):
                 goal.result = lib.SJ_RESULT_STOPPED
 
+    def _ends(self, axes: Iterable[int]) -> None:
+        for i in axes:
+            self._ended[i] = int(self.command.sequence) + 1
+
+    def ending(self, axes: Iterable[int]) -> bool:
+        """Whether the kernel is still to take a stop or a goal for one of these axes."""
+        taken = int(self.frame().sequence)
+        return any(self._ended[i] > taken for i in axes)
+
     def replacing(self, goal_id: int, axes: Iterable[int]) -> None:
         """The command has a goal that replaces, if it is accepted. Under the lock."""
         self.command.goal_records = lib.sj_ring_published(self.segment.base)
+        self._ends(axes)
         for goal in self._unsent:
             if not goal.axes.isdisjoint(axes):
                 goal.goals.add(goal_id)

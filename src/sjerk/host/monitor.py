@@ -11,7 +11,7 @@ from typing import Self
 from sjerk.handshake import Segment
 from sjerk.host.arguments import Axes
 from sjerk.host.events import Event, StopKind
-from sjerk.host.feedback import Feedback, KernelState
+from sjerk.host.feedback import Feedback, KernelState, names_of
 from sjerk.host.reader import EventCursor, FrameReader
 from sjerk.host.stop_requests import StopRequests
 
@@ -23,6 +23,7 @@ class Observer:
         """Not for callers: ``Monitor.attach``, ``Host.attach`` or ``MotionKernel.host``."""
         self._reader = reader
         self._events = EventCursor(reader.segment)
+        self._axis_names: tuple[str, ...] = ()
 
     def __enter__(self) -> Self:
         return self
@@ -72,13 +73,22 @@ class Observer:
         copy = self._reader.copy()
         return Feedback(copy, copy.cycle_time_s, self._reader.age(copy))
 
+    def _names(self) -> tuple[str, ...]:
+        """Of the axes; they are in the first frame, and stay."""
+        if not self._axis_names:
+            self._axis_names = names_of(self._reader.frame())
+        return self._axis_names
+
     def events(self) -> tuple[list[Event], int]:
         """Events since the last call, oldest first, and how many were overwritten unread."""
         found = []
         self._events.missed[0] = 0
         while (raw := self._events.next()) is not None:
-            event = Event.of(raw.cycle, raw.kind, raw.axis, raw.code, raw.value, raw.goal_id)
-            found.append(event)
+            found.append(
+                Event.of(
+                    raw.cycle, raw.kind, raw.axis, raw.code, raw.value, raw.goal_id, self._names()
+                )
+            )
         return found, int(self._events.missed[0])
 
 
@@ -124,7 +134,7 @@ class Monitor(Observer):
 
         The kernel takes it in its next cycle, refuses a goal of that cycle, drops what waits for
         these axes, and tells it as an event (``EventKind.STOP``) with this process. The host stays
-        host: it may move them again. ``timeout`` in s.
+        host: it may move them again. ``timeout`` in s; 0: it is asked for, and returns at once.
 
         Raises InputError for axes that the kernel has not, KernelGoneError, TimeoutError,
         SegmentOwnerError where this user may only read.

@@ -10,8 +10,8 @@ from enum import Enum
 from typing import Any
 
 from sjerk._binding import lib
-from sjerk.errors import MotionStoppedError, SupersededError
-from sjerk.host.answers import refusal
+from sjerk.errors import SupersededError, axis_label
+from sjerk.host.answers import refusal, stopped
 from sjerk.host.arguments import exceeded
 from sjerk.host.feedback import limits_of
 from sjerk.host.link import Link
@@ -173,9 +173,12 @@ class Move:
         Raises RefusedError (with the reason), SupersededError (a newer goal), MotionStoppedError
         (stopped on the way), KernelGoneError, TimeoutError.
         """
-        where = ", ".join(f"{goal.position!r} (axis {i})" for i, goal in self._targets.items())
+        where = ", ".join(
+            f"{axis_label(i, self._link.names)} to {goal.position!r}"
+            for i, goal in self._targets.items()
+        )
         self._link.wait_until(
-            lambda frame: self._state(frame) not in _OPEN, timeout, f"move to {where}"
+            lambda frame: self._state(frame) not in _OPEN, timeout, f"move of {where}"
         )
         self.check()
 
@@ -198,14 +201,12 @@ class Move:
     def check(self) -> None:
         """Raise what ``wait`` would, where the move has ended otherwise than on its goal."""
         frame = self._link.frame()
-        state = self._state(frame)
+        state, names = self._state(frame), self._link.names
         if state is MoveState.REFUSED:
             code, axis = self._link.answers.result(self._goal_id, frame) or (0, -1)
-            raise refusal(code, axis, self._above(code, axis, frame))
+            raise refusal(code, axis, self._above(code, axis, frame), names=names)
         if state is MoveState.SUPERSEDED:
-            raise SupersededError(self.position)
+            raise SupersededError(self.position, names=names)
         if state is MoveState.STOPPED:
-            axes = {i: frame.axis[i] for i in self._targets}
-            faults = {i: int(axis.error_code) for i, axis in axes.items() if axis.fault}
             unhomed = self._link.answers.unhomed(self._goal_id)
-            raise MotionStoppedError(self.position, faults, unhomed)
+            raise stopped(frame, self._targets, unhomed, names=names)

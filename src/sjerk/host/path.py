@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from sjerk._binding import lib
-from sjerk.errors import InputError, MotionStoppedError, SupersededError
-from sjerk.host.answers import refusal
+from sjerk.errors import InputError, SupersededError
+from sjerk.host.answers import refusal, stopped
 from sjerk.host.arguments import check_factor
 from sjerk.host.feedback import PathState, limits_of
 from sjerk.host.link import Link
@@ -219,13 +219,10 @@ class Path:
             if code in (lib.SJ_RESULT_NONE, lib.SJ_RESULT_ACCEPTED):
                 code = frame.path.result
             axis, detail = self._reason(code, frame, axis)
-            raise refusal(code, axis, detail)
+            raise refusal(code, axis, detail, names=self._link.names)
         if state is PathState.SUPERSEDED:
-            raise SupersededError(position)
-        axes = {i: frame.axis[i] for i in self._goal.axes}
-        raise MotionStoppedError(
-            position, {i: int(axis.error_code) for i, axis in axes.items() if axis.fault}
-        )
+            raise SupersededError(position, names=self._link.names)
+        raise stopped(frame, self._goal.axes, names=self._link.names)
 
     def _reason(self, code: int, frame: Any, axis: int) -> tuple[int, str]:
         """The axis that a refusal is about, or -1, and the values, as far as they are known here.

@@ -54,7 +54,7 @@ class StopRequests:
             return self._reader
 
     def stop(self, kind: StopKind, axes: Axes, timeout: float | None) -> None:
-        """Ask, and return when these axes are at rest, ``timeout`` in s.
+        """Ask, and return when these axes are at rest, ``timeout`` in s; with 0 at once.
 
         Raises InputError for axes that the kernel has not, KernelGoneError, TimeoutError.
         """
@@ -64,6 +64,8 @@ class StopRequests:
         halts, quick_stops = (bits, 0) if kind is StopKind.HALT else (0, bits)
         base, slot = reader.segment.base, reader.segment.stop_slot
         lib.sj_stop_request(base, slot, halts, quick_stops)
+        if timeout == 0.0:
+            return
         end = None if timeout is None else time.monotonic() + real("timeout", timeout)
         while lib.sj_stop_waits(base, slot):
             reader.check_awaited("the stop")

@@ -1,9 +1,25 @@
-"""A kernel: its axes, its process, its clock, its file of settings."""
+"""A kernel: its axes and what it feeds forward to them, its process, its clock, its settings."""
 
 from sjerk.kernel.axis import Axis
 from sjerk.kernel.clock import Clock
-from sjerk.kernel.config import described, load
+from sjerk.kernel.config import described, load, read_table
+from sjerk.kernel.feed_forward import FeedForward
 from sjerk.kernel.kernel import Image, MotionKernel
+from sjerk.kernel.process import Port
 from sjerk.kernel.reactions import Reaction, Reactions
+from sjerk.kernel.tables import port_tables
 
-__all__ = ["Axis", "Clock", "Image", "MotionKernel", "Reaction", "Reactions", "described", "load"]
+__all__ = [
+    "Axis",
+    "Clock",
+    "FeedForward",
+    "Image",
+    "MotionKernel",
+    "Port",
+    "Reaction",
+    "Reactions",
+    "described",
+    "load",
+    "port_tables",
+    "read_table",
+]

@@ -7,13 +7,17 @@ to end, SIGTERM comes, or its parent has ended. Never here: equations, what a cy
 from __future__ import annotations
 
 import contextlib
+import importlib
 import json
 import os
 import select
 import signal
 import threading
+import time
+from typing import Any
 
 from sjerk._binding import ffi, lib
+from sjerk.errors import SjerkError
 from sjerk.handshake import TRACE, HostWatch, Segment
 from sjerk.host.reader import layout
 from sjerk.kernel import trace
@@ -23,6 +27,7 @@ from sjerk.kernel.process import LENGTH, RUNNING, Order
 from sjerk.kernel.tables import kernel_fields
 
 _STDIN = 0
+_REST_S = 10.0  # longest wait for drives outside to come to rest
 _LOOK_MS = 100  # how often it is looked whether the parent lives, where the system does not tell
 
 
@@ -83,6 +88,45 @@ def _order(ends: _Ends) -> Order | None:
     return Order.from_bytes(text) if text and len(text) == count else None
 
 
+class _Outside:
+    """What exchanges the drives outside, by the order's port; nothing where there is none."""
+
+    def __init__(self, order: Order, kernel: Any, cycle_time: float) -> None:
+        self._connection: Any = None
+        if order.port is not None:
+            module = importlib.import_module(str(order.port["module"]))
+            cycle_ns = round(cycle_time * 1e9)
+            self._connection = module.connect(kernel, cycle_ns, order.port["table"])
+
+    @property
+    def exchange(self) -> Any:
+        return ffi.NULL if self._connection is None else self._connection.exchange
+
+    def start(self) -> None:
+        if self._connection is not None:
+            self._connection.start()
+
+    def rest(self, end: Any) -> None:
+        """Let the kernel stop and disable its drives, then let the drives go."""
+        if self._connection is None:
+            return
+        lib.sj_clock_order(end, lib.SJ_END_REST)
+        until = time.monotonic() + _REST_S
+        while not lib.sj_clock_at_rest(end) and time.monotonic() < until:
+            time.sleep(0.002)
+        self._connection.release()
+
+    def close(self) -> None:
+        if self._connection is not None:
+            self._connection.close()
+
+
+def _say(answers: int, text: bytes) -> None:
+    with contextlib.suppress(BrokenPipeError):
+        os.write(answers, text)
+    os.close(answers)
+
+
 def main(answers: int) -> None:
     """Run one kernel, as its order says, and tell the descriptor ``answers`` when it runs."""
     ends = _Ends()
@@ -102,24 +146,34 @@ def main(answers: int) -> None:
         lib.sj_feedback_publish(traced.base, text)
         trace.touch(traced)
         kernel.trace = traced.base
-        end = ffi.new("int32_t *")
+        end = ffi.new("sj_clock_end *")
         options = Clock(**order.clock).to_c(cycle_time)  # type: ignore[arg-type]
         copy, _memory = rehearsal(len(axes), cycle_time) if options.spin_ns else (ffi.NULL, None)
+        try:
+            outside = _Outside(order, kernel, cycle_time)
+        except (SjerkError, OSError) as error:
+            _say(answers, f"{error}\n".encode())
+            return
 
         def run() -> None:
             report = ffi.addressof(kernel.feedback, "clock")
             lib.sj_clock_prepare(kernel, layout(len(axes)).size, options, report)
-            lib.sj_clock_run(kernel, copy, options, end)
+            lib.sj_clock_run(kernel, copy, options, outside.exchange, end)
 
         cycle = threading.Thread(target=run)
         with HostWatch(segment, period_s=0.01):
             cycle.start()
-            with contextlib.suppress(BrokenPipeError):
-                os.write(answers, RUNNING)
-            os.close(answers)
-            ends.read(1)
-            lib.sj_clock_end(end)
+            try:
+                outside.start()
+            except (SjerkError, OSError) as error:
+                _say(answers, f"{error}\n".encode())
+            else:
+                _say(answers, RUNNING)
+                ends.read(1)
+                outside.rest(end)
+            lib.sj_clock_order(end, lib.SJ_END_LEAVE)
             cycle.join()
+        outside.close()
         for mine in (segment, traced):
             lib.sj_shm_leave_kernel(mine.base)
             mine.unlink()  # for a parent that died

@@ -158,22 +158,42 @@ static uint64_t wait_until(uint64_t deadline_ns, uint64_t spin_ns, const sj_kern
     return now;
 }
 
-/* Raise the end flag of a running loop, from any thread. */
-void sj_clock_end(int32_t *end) { atomic_store((_Atomic int32_t *)end, 1); }
+void sj_clock_order(sj_clock_end *end, int32_t order)
+{
+    atomic_store((_Atomic int32_t *)&end->order, order);
+}
 
-/* Cycle until the flag is raised and then everything is at rest and disabled. */
-void sj_clock_run(sj_kernel *kernel, sj_kernel *copy, const sj_clock_options *options, int32_t *end)
+int32_t sj_clock_at_rest(const sj_clock_end *end)
+{
+    return atomic_load((const _Atomic int32_t *)&end->at_rest);
+}
+
+/* Cycle until the order to leave has come and then everything is at rest and disabled. A port moves the
+ * deadlines; where none does, they are periods apart. */
+void sj_clock_run(sj_kernel *kernel, sj_kernel *copy, const sj_clock_options *options,
+                  const sj_exchange *exchange, sj_clock_end *end)
 {
     const uint64_t period_ns = options->period_ns;
     sj_feedback *feedback = &kernel->feedback;
     uint64_t deadline = sj_clock_now_ns() + period_ns, woken_before = 0, cpu = 0;
+    int32_t order = SJ_END_NOT;
 
-    while (!kernel->ending || !sj_kernel_at_rest(kernel)) {
+    while (order != SJ_END_LEAVE || !sj_kernel_at_rest(kernel)) {
         uint64_t spin_ns = sj_clock_spin_ns(options, feedback->clock.share, cpu), woken, done;
+        int64_t moved = 0;
         woken = wait_until(deadline, spin_ns, kernel, copy, cpu);
         cpu = read_clock(CLOCK_THREAD_CPUTIME_ID);
-        kernel->ending = atomic_load((_Atomic int32_t *)end);
+        order = atomic_load((_Atomic int32_t *)&end->order);
+        kernel->ending = order != SJ_END_NOT;
+        if (exchange != NULL) {
+            moved = exchange->take(exchange->self);
+            exchange->state(exchange->self, feedback);
+        }
         sj_kernel_cycle(kernel, woken);
+        if (exchange != NULL)
+            exchange->send(exchange->self, (int64_t)deadline);
+        if (kernel->ending && sj_kernel_at_rest(kernel))
+            atomic_store((_Atomic int32_t *)&end->at_rest, 1);
         cpu = read_clock(CLOCK_THREAD_CPUTIME_ID) - cpu;
 
         sj_histogram_add(&feedback->latency, woken - deadline);
@@ -183,7 +203,7 @@ void sj_clock_run(sj_kernel *kernel, sj_kernel *copy, const sj_clock_options *op
         woken_before = woken;
         if (sj_clock_now_ns() - deadline < period_ns / 2)
             sj_goal_rehearse(kernel); /* a planner last used long ago takes twice as long */
-        deadline += period_ns;
+        deadline += (uint64_t)((int64_t)period_ns + moved);
         done = sj_clock_now_ns();
         if (done >= deadline) {
             uint64_t skipped = (done - deadline) / period_ns + 1;

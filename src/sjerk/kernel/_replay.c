@@ -50,6 +50,7 @@ static void give_image(sj_kernel *kernel, const sj_trace_frame *frame)
         tx->velocity_actual = axis->velocity_actual;
         tx->following_error = axis->following_error;
         tx->torque_actual = axis->torque_actual;
+        tx->digital_inputs = axis->digital_inputs;
         kernel->stale[i] = (axis->flags & SJ_TRACE_STALE) != 0;
     }
 }

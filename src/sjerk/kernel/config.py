@@ -25,17 +25,21 @@ def load(
     A file: ``cycle_time`` (s), ``name``, tables ``[clock]`` (``Clock``) and ``[reactions]``
     (``Reactions``), and for each axis ``[[axes]]`` with the fields of ``Axis``: ``limits`` and
     ``stop_limits`` are tables of ``Limits``, ``drive`` a table of ``DriveConfig``, "ideal" or
-    "external".
+    "external". Tables of ports ([ethercat], [axes.ethercat]) are left to ``sjerk kernel``.
 
     >>> load("/dev/null")
     Traceback (most recent call last):
     sjerk.errors.ConfigError: /dev/null: axes = None: needs at least one [[axes]]
     """
+    return described(path, read_table(path), name=name, group=group)
+
+
+def read_table(path: Path | str) -> dict[str, object]:
+    """The tables of a TOML file; raises ConfigError, OSError."""
     try:
-        table = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+        return tomllib.loads(Path(path).read_text(encoding="utf-8"))
     except (ValueError, RecursionError) as fault:  # also of text that is not UTF-8, of long numbers
         raise ConfigError(str(path), "syntax", None, str(fault)) from fault
-    return described(path, table, name=name, group=group)
 
 
 def described(

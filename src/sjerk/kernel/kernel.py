@@ -10,7 +10,7 @@ import itertools
 import json
 import os
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -26,7 +26,7 @@ from sjerk.kernel import trace
 from sjerk.kernel.axis import Axis
 from sjerk.kernel.clock import Clock
 from sjerk.kernel.memory import build, commanded, first_frame, flags, rows
-from sjerk.kernel.process import KernelProcess, Order
+from sjerk.kernel.process import KernelProcess, Order, Port
 from sjerk.kernel.reactions import Reactions
 from sjerk.kernel.tables import kernel_fields
 
@@ -91,6 +91,7 @@ class MotionKernel:
         self._axes = tuple(axes)
         if not 1 <= len(self._axes) <= lib.SJ_AXES:
             raise InputError("axes", len(self._axes), f"must be 1 .. {lib.SJ_AXES} axes")
+        _check_names(self._axes)
         self._T = round(positive("cycle_time", cycle_time) * 1e9) / 1e9  # whole nanoseconds
         if not 25e-6 <= self._T <= 0.1:
             raise InputError("cycle_time", cycle_time, "must lie in 25e-6 .. 0.1 s")
@@ -99,6 +100,8 @@ class MotionKernel:
         self._name = name or f"kernel-{os.getpid()}-{next(_numbers)}"
         self._group = group_number(group)
         self.clock = clock or Clock()
+        self.port: Port | None = None
+        """What exchanges external drives in the kernel's own process."""
         self._reactions = reactions or Reactions()
         self._process: KernelProcess | None = None
         self._segment: Segment | None = None
@@ -149,7 +152,7 @@ class MotionKernel:
         """Start the process; returns when its cycle runs."""
         if self._segment is not None or self._ended:
             raise SjerkError(f"kernel {self._name!r} is in use or has ended: make a new one")
-        if any(axis.drive == "external" for axis in self._axes):
+        if self.port is None and any(axis.drive == "external" for axis in self._axes):
             raise SjerkError("external drives are for step(): nobody would exchange their image")
         text = self._description()
         self._check_description(text)
@@ -162,7 +165,8 @@ class MotionKernel:
             )
             self._segment = Segment.create(self._name, own, group=self._group, replace_stale=True)
             self._process = KernelProcess()
-            order = Order(self._name, text.decode(), trace.plain(self.clock), os.getpid())
+            port = None if self.port is None else asdict(self.port)
+            order = Order(self._name, text.decode(), trace.plain(self.clock), os.getpid(), port)
             self._process.run(order)
         except BaseException:
             self.__exit__()
@@ -301,3 +305,12 @@ class MotionKernel:
             self._kernel.own_loop = 1
             self._steps = True
         return self._segment
+
+
+def _check_names(axes: Sequence[Axis]) -> None:
+    """Axes that have names have different ones."""
+    names = [axis.name for axis in axes]
+    for i, name in enumerate(names):
+        if name and name in names[:i]:
+            first = names.index(name)
+            raise InputError(f"axes[{i}].name", name, f"is that of axis {first} already")

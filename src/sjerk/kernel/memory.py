@@ -26,8 +26,11 @@ def build(axes: Sequence[Axis], cycle_time: float, reactions: Reactions, base: A
     lib.sj_kernel_init(kernel, base, len(axes), T)
     reactions.to_c(kernel)
     for i, axis in enumerate(axes):
-        config = axis.to_c(T)
-        drive = None if isinstance(axis.drive, str) else axis.drive.changed(period_s=T)
+        try:
+            config = axis.to_c(T)
+        except InputError as fault:
+            raise InputError(f"axes[{i}].{fault.field}", fault.value, fault.limit) from fault
+        drive = axis.simulated(T)
         raw = ffi.NULL if drive is None else drive.to_c()
         if lib.sj_kernel_axis(kernel, i, raw, config) != 0:
             raise InputError(f"axes[{i}].drive", drive, "does not fit the cycle time")

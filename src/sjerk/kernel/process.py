@@ -34,10 +34,24 @@ _BEGIN = (
 
 
 @dataclass(frozen=True)
+class Port:
+    """What exchanges the external drives of a kernel inside its process.
+
+    ``module`` has ``connect(core, cycle_ns, table)``; what that gives has ``exchange``
+    (``sj_exchange *``), and is told to ``start`` once the cycle runs, to ``release`` the drives
+    when all is at rest, and to ``close`` after the cycle. ``table``: plain data, for the module.
+    """
+
+    module: str
+    table: dict[str, object]
+
+
+@dataclass(frozen=True)
 class Order:
     """What the process of a kernel needs to know, as data: it imports nothing of its parent's.
 
     ``description``: the kernel as its trace has it. ``clock``: the table of its ``Clock``.
+    ``port``: the fields of its ``Port``, if it has one.
     ``parent``: the process that ends the kernel when it ends itself.
     """
 
@@ -45,6 +59,7 @@ class Order:
     description: str
     clock: dict[str, object]
     parent: int
+    port: dict[str, object] | None = None
 
     def to_bytes(self) -> bytes:
         """As it is sent."""
@@ -134,20 +149,21 @@ class KernelProcess:
         # not its end of file alone: a process forked meanwhile may hold the other end
         found, poll = b"", select.poll()
         poll.register(self._answers, select.POLLIN)
-        while found != RUNNING:
+        while not found.endswith(b"\n"):
             if not poll.poll(_LOOK_MS):
                 if self.alive:
                     continue
                 break
-            more = self._answers.read(len(RUNNING) - len(found))
+            more = self._answers.read(1)
             if not more:
                 break
             found += more
         if found != RUNNING:
             code = self._process.wait()
-            raise KernelGoneError(
-                f"kernel {order.name!r} did not start: its process ended with exit code {code}"
+            why = (
+                found.decode(errors="replace").strip() or f"its process ended with exit code {code}"
             )
+            raise KernelGoneError(f"kernel {order.name!r} did not start: {why}")
 
     def end(self) -> None:
         """Let it stop the motion and end; returns when it has.

@@ -15,8 +15,12 @@ from sjerk.cia402 import DriveConfig, DriveConfigError
 from sjerk.errors import ConfigError, InputError
 from sjerk.kernel.axis import Axis
 from sjerk.kernel.clock import Clock
+from sjerk.kernel.feed_forward import FeedForward
 from sjerk.kernel.reactions import Reactions
 from sjerk.profile import Limits
+
+#: Tables of ports: of the whole file, and of its axes. They are the ports' own, and not read here.
+PORTS = ("ethercat",)
 
 
 class Place:
@@ -56,7 +60,7 @@ def kernel_fields(path: Path | str, table: object) -> tuple[Place, dict[str, Any
     """
     top = Place(str(path), "", table)
     table = top.table
-    top.known("name", "cycle_time", "clock", "reactions", "axes")
+    top.known("name", "cycle_time", "clock", "reactions", "axes", *PORTS)
     rows = table.get("axes")
     if not isinstance(rows, list) or not rows:
         raise top.error("axes", rows, "needs at least one [[axes]]")
@@ -71,6 +75,18 @@ def kernel_fields(path: Path | str, table: object) -> tuple[Place, dict[str, Any
     return top, values
 
 
+def port_tables(table: object, port: str) -> tuple[object, dict[int, object]] | None:
+    """The table of a port and those of the axes that have one, by axis; None without.
+
+    >>> port_tables({"ethercat": {}, "axes": [{}, {"ethercat": {"position": 0}}]}, "ethercat")
+    ({}, {1: {'position': 0}})
+    """
+    if not isinstance(table, dict) or port not in table:
+        return None
+    axes = table.get("axes", [])
+    return table[port], {i: axis[port] for i, axis in enumerate(axes) if port in axis}
+
+
 def _names(kind: type[Any]) -> list[str]:
     return [field.name for field in fields(kind) if field.init]
 
@@ -81,14 +97,19 @@ def _plain(place: Place, kind: type[Any]) -> Any:
 
 
 def _axis(place: Place) -> Axis:
-    place.known(*_names(Axis))
-    values = dict(place.table)
+    place.known(*_names(Axis), *PORTS)
+    values = {key: value for key, value in place.table.items() if key not in PORTS}
+    if any(key in place.table for key in PORTS) and values.get("drive", "ethercat") in PORTS:
+        values["drive"] = "external"
     for key in ("limits", "stop_limits"):
         if key in values:
             values[key] = _limits(Place(place.path, f"{place.place}.{key}", values[key]))
     if "drive" in values and not isinstance(values["drive"], str):
         below = Place(place.path, f"{place.place}.drive", values["drive"])
         values["drive"] = _plain(below, DriveConfig)
+    if isinstance(values.get("feed_forward"), dict):
+        below = Place(place.path, f"{place.place}.feed_forward", values["feed_forward"])
+        values["feed_forward"] = _plain(below, FeedForward)
     axis: Axis = place.make(Axis, ("limits", "counts_per_unit"), values)
     return axis
 

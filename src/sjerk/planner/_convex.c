@@ -109,6 +109,18 @@ static int convex_put(const task *t, path *z, sj_plan *p)
     return 1;
 }
 
+/* Two paths of n cycles that the caller knows: x falls short of h, y gets beyond. */
+int sj_convex_of(const task *t, double n, const path *x, const path *y, sj_plan *p)
+{
+    double px = sj_path_distance(x, t->v0), py = sj_path_distance(y, t->v0);
+    double room = distance_room(t, n, t->h);
+    path z;
+    if (px > t->h + room || py < t->h - room)
+        return 0;
+    combine(t, n, x, px, y, py, &z);
+    return convex_put(t, &z, p);
+}
+
 /* Exactly n cycles: the convex combination of the two extremes (one jerk limit: the smaller). */
 static int combine_extremes(const task *t, double j, double n, double *nearest, summit *m,
                             sj_plan *p)

@@ -120,7 +120,16 @@ static int32_t plan_longer(const task *origin, int64_t cycles, sj_plan *p)
     task t = *origin;
     sj_plan q;
     sj_begin(&q);
-    int lands = sj_recover(&t, &q), back = q.count > 0 ? SJ_PLAN_RECOVERY : 0;
+    int lands = sj_recover_acceleration(&t, &q);
+    if (is_above(&t)) {
+        if (sj_move_from_above(&t, (double)(cycles - q.cycles), &q)) {
+            *p = q;
+            p->kind += SJ_PLAN_RECOVERY;
+            return SJ_PLAN_OK;
+        }
+        lands = sj_settle(&t, &q);
+    }
+    int back = q.count > 0 ? SJ_PLAN_RECOVERY : 0;
     sj_plan head = q;
     if (in_cycles(&t, (double)(cycles - head.cycles), &q) &&
         (lands || !sj_leaves_velocity(&t, &q, head.cycles))) {

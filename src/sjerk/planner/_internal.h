@@ -62,6 +62,12 @@ static inline double most(double a, double b) { return a > b ? a : b; }
 static inline double smaller_acceleration(const task *t) { return least(t->au, t->ad); }
 static inline double smaller_jerk(const task *t) { return least(t->ju, t->jd); }
 
+/* Above its velocity limit, and carried no further. */
+static inline int is_above(const task *t)
+{
+    return fabs(t->v0) > t->vmax * (1 + SLACK) && !(t->v0 * t->a0 > 0);
+}
+
 /* Acceleration at whole cycles k, straight between: each piece is a phase. */
 typedef struct {
     int count;
@@ -106,7 +112,8 @@ void sj_node(path *x, double k, double a);
 int sj_ramp(double v0, double a0, double dv, double vmax, double au, double ad, double j, path *x);
 
 /* _recovery.c */
-int sj_recover(task *t, sj_plan *p);
+int sj_lands(const task *t);
+int sj_recover_acceleration(task *t, sj_plan *p);
 void sj_cross_gently(task *t, sj_plan *p);
 int sj_cross_hard(task *t, sj_plan *p);
 void sj_end_acceleration(task *t, sj_plan *p);
@@ -161,7 +168,13 @@ int sj_side_paths(const task *t, double n, path *x, path *y);
 
 /* _convex.c */
 int sj_convex(const task *t, double n, double *nearest, summit *m, sj_plan *p);
+int sj_convex_of(const task *t, double n, const path *x, const path *y, sj_plan *p);
 int sj_convex_from(const task *t, double *n, double longest, summit *m, sj_plan *p);
+
+/* _settling.c */
+int sj_recover(task *t, sj_plan *p);
+int sj_settle(task *t, sj_plan *p);
+int sj_move_from_above(const task *start, double cycles, sj_plan *p);
 
 /* _direct.c */
 task sj_pushed_up(const task *start);

@@ -1,7 +1,7 @@
 /* Plans from any state to any target, in whole control cycles, as soon as possible.
 
-   A start outside its limits is brought back first (_recovery.c); then the methods that lead to the
-   target at once are tried (_direct.c), and where they fail the one that always exists
+   A start outside its limits is brought back first (_recovery.c, _settling.c); then the methods that
+   lead to the target at once are tried (_direct.c), and where they fail the one that always exists
    (_fallback.c).
 
    Frame: cycle = 1, position relative to the start; the task is turned so that its push is up.
@@ -54,8 +54,14 @@ int32_t sj_plan_move(double h, double v0, double a0, double v1, const sj_limits 
     if (!sj_valid(h, v0, a0, v1, l))
         return SJ_PLAN_INVALID;
     task t = sj_task_of(h, v0, a0, v1, l);
-    int lands = sj_recover(&t, p), back = p->count > 0 ? SJ_PLAN_RECOVERY : 0;
-    int ok = lands ? move(&t, p) : plan_crossing(&t, 0, p);
+    int lands = sj_recover_acceleration(&t, p), above = is_above(&t);
+    int ok = above && sj_move_from_above(&t, 0, p);
+    int back = above || p->count > 0 ? SJ_PLAN_RECOVERY : 0;
+    if (!ok) {
+        if (above)
+            lands = sj_settle(&t, p);
+        ok = lands ? move(&t, p) : plan_crossing(&t, 0, p);
+    }
     p->kind += back;
     sj_note_scale(p, l);
     return ok ? SJ_PLAN_OK : SJ_PLAN_TOO_LONG;
@@ -67,7 +73,7 @@ int32_t sj_plan_velocity(double v0, double a0, double v1, const sj_limits *l, sj
     if (!sj_valid(0, v0, a0, v1, l))
         return SJ_PLAN_INVALID;
     task t = sj_task_of(0, v0, a0, v1, l);
-    int lands = sj_recover(&t, p), back = p->count > 0 ? SJ_PLAN_RECOVERY : 0;
+    int lands = sj_recover_acceleration(&t, p), back = p->count > 0 ? SJ_PLAN_RECOVERY : 0;
     if (!(lands ? sj_go_to_velocity(&t, t.v1, p) : plan_crossing(&t, 1, p)))
         return SJ_PLAN_TOO_LONG;
     p->kind = SJ_PLAN_RAMP + back;

@@ -1,6 +1,6 @@
-/* Recovery: a start outside its limits, or carried out of them by its acceleration, is
-   brought back as fast as jerk allows, with the least excess that whole cycles allow. And the
-   acceleration brought to zero, which decides what "carried out" means.
+/* Recovery of the acceleration: a start beyond its acceleration limit, or carried out of its velocity
+   limit by its acceleration, is brought back as fast as jerk allows, with the least excess that whole
+   cycles allow. And the acceleration brought to zero, which decides what "carried out" means.
 
    Zero acceleration on a node costs velocity: from a > 0 what is left after the cycles of full jerk
    still adds left / 2. A cycle that crosses zero with jerk j adds left^2 / 2j only, and leaves an
@@ -12,7 +12,7 @@
 
    Only phases are laid down here; a cycle that crosses zero has the smaller of two jerks.
 
-   Never here: a distance to be met, a target. */
+   Never here: a velocity above its limit (_settling.c), a distance to be met, a target. */
 #include "planner/_internal.h"
 
 /* Crossings of zero one after another. More than one are needed only where a cycle of acceleration is
@@ -76,7 +76,7 @@ static double hardest_crossing(const task *t, brink b)
 }
 
 /* Whether the acceleration can end on a node without costing the velocity limit. */
-static int lands(const task *t)
+int sj_lands(const task *t)
 {
     brink b = brink_of(t);
     return b.v + b.left / 2 <= t->vmax * (1 + SLACK / 2);
@@ -104,7 +104,7 @@ void sj_end_acceleration(task *t, sj_plan *p) { put_crossing(t, 0, p); }
 /* Crosses zero, each time with the gentlest jerk, until the acceleration can end on a node. */
 void sj_cross_gently(task *t, sj_plan *p)
 {
-    for (int i = 0; i < CROSSINGS && !lands(t); i++) {
+    for (int i = 0; i < CROSSINGS && !sj_lands(t); i++) {
         brink b = brink_of(t);
         double j = most_crossing_jerk(t, b.left, t->a0 > 0 ? t->ad : t->au);
         double room = most(0, t->vmax - b.v); /* none: the most jerk that serves */
@@ -116,7 +116,7 @@ void sj_cross_gently(task *t, sj_plan *p)
 int sj_cross_hard(task *t, sj_plan *p)
 {
     put_crossing(t, hardest_crossing(t, brink_of(t)), p);
-    return lands(t);
+    return sj_lands(t);
 }
 
 static int keeps(const task *t) { return can_cross(t, brink_of(t), t->vmax * (1 + SLACK / 2)); }
@@ -156,41 +156,10 @@ static void ease_to_acceleration(task *t, sj_plan *p)
     sj_append(p, &q);
 }
 
-/* Above the velocity limit and no longer speeding up: brakes as fast as jerk allows until it is
-   inside. */
-static void brake_to_velocity(task *t, sj_plan *p)
-{
-    double top = t->vmax * (1 + SLACK / 2), v = t->v0;
-    path x;
-    if (!(v > t->vmax * (1 + SLACK)) || t->a0 > 0)
-        return;
-    if (!sj_ramp(v, t->a0, -t->vmax - v, -1, t->au, t->ad, t->jd, &x))
-        return;
-    sj_plan q;
-    sj_begin(&q);
-    for (int i = 1; i < x.count; i++) {
-        double a = x.a[i - 1], m = x.k[i] - x.k[i - 1], jerk = (x.a[i] - a) / m, lo = 0, hi = m;
-        if (v + m * (a + m * jerk / 2) <= top) {
-            for (int s = 0; s < 64 && hi - lo > 1; s++) {
-                double mid = whole((lo + hi) / 2);
-                if (v + mid * (a + mid * jerk / 2) <= top)
-                    hi = mid;
-                else
-                    lo = mid;
-            }
-            sj_put(&q, hi, t->sign * jerk);
-            break;
-        }
-        sj_put(&q, m, t->sign * jerk);
-        v += m * (a + m * jerk / 2);
-    }
-    *t = sj_resume(t, &q);
-    sj_append(p, &q);
-}
-
-/* A start outside its limits comes back as fast as jerk allows. Returns whether its acceleration
-   can end on a node then: if not, only a cycle that crosses zero keeps the velocity limit. */
-int sj_recover(task *t, sj_plan *p)
+/* The acceleration of a start is brought inside its limit as fast as jerk allows, and to where it
+   carries the velocity no further. Returns whether it can end on a node then: if not, only a cycle
+   that crosses zero keeps the velocity limit. */
+int sj_recover_acceleration(task *t, sj_plan *p)
 {
     double small = smaller_jerk(t);
     if (fabs(t->a0) <= smaller_acceleration(t) &&
@@ -206,9 +175,5 @@ int sj_recover(task *t, sj_plan *p)
         if (fabs(t->a0) > amax)
             sj_end_acceleration(t, p);
     }
-    brake_to_velocity(t, p);
-    *t = mirrored(t);
-    brake_to_velocity(t, p);
-    *t = mirrored(t);
-    return lands(t);
+    return sj_lands(t);
 }

@@ -140,6 +140,11 @@ class Motion:
         """Whether any axis leaves its position range between its start and its end."""
         return any(profile.leaves_range for profile in self.profiles)
 
+    @property
+    def retracts(self) -> bool:
+        """Whether the velocity of any axis turns on its way; see ``Profile.retracts``."""
+        return any(profile.retracts for profile in self.profiles)
+
     def at(self, t: ArrayLike) -> Samples:
         """Return the planned motions at time ``t`` (s): fields have the shape of ``t`` and (N,).
 

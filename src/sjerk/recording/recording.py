@@ -199,7 +199,9 @@ class Recording:
     def events(self) -> tuple[Event, ...]:
         """What happened."""
         fields = ("cycle", "kind", "axis", "code", "value", "goal_id")
-        return tuple(Event.of(*(raw[name].item() for name in fields)) for raw in self.all.events)
+        names = [axis.name for axis in self.axes]
+        rows = ([*(raw[name].item() for name in fields), names] for raw in self.all.events)
+        return tuple(Event.of(*row) for row in rows)
 
     @property
     def commands(self) -> NDArray[Any]:

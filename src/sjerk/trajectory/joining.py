@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sjerk.errors import InputError
+from sjerk.limits import limits_of_each
 from sjerk.planner import Motion, Synchronization, plan, plan_velocity
 from sjerk.profile import FloatArray, Limits, Profile, State
 from sjerk.trajectory.segments import (
@@ -33,22 +34,24 @@ _ROUNDS = 6
 
 def brake(
     knot: Knot,
-    limits: Sequence[Limits],
+    limits: Limits | Sequence[Limits],
     cycle_time: float,
     *,
     joint_names: Sequence[str] | None = None,
 ) -> Followed:
     """Bring every joint to rest as fast as its limits allow; one cycle more, for the samples.
 
-    ``limits``: one per joint; the smaller ones, where braking has its own. Raises InputError.
+    ``limits``: one for all or one each; the smaller ones, where braking has its own. Raises
+    InputError.
 
     >>> stop = brake(Knot.rest([0.0]), [Limits(1.0, 1.0, 10.0)], 1e-3)
     >>> stop.cycles.tolist(), stop.position[-1].tolist()
     ([1], [0.0])
     """
+    each = limits_of_each(limits, len(knot.position))
     profiles = [
         plan_velocity(state, 0.0, both(limit), cycle_time)
-        for state, limit in zip(knot.states(cycle_time), limits, strict=True)
+        for state, limit in zip(knot.states(cycle_time), each, strict=True)
     ]
     return _followed(
         knot, profiles, cycle_time, joint_names, rest=[p.end.position for p in profiles]
@@ -58,7 +61,7 @@ def brake(
 def join(
     knot: Knot,
     position: ArrayLike,
-    limits: Sequence[Limits],
+    limits: Limits | Sequence[Limits],
     cycle_time: float,
     *,
     velocity: ArrayLike | None = None,
@@ -82,7 +85,7 @@ def join(
     speed = np.zeros_like(goal) if velocity is None else np.array(velocity, dtype=np.float64)
     if goal.shape != knot.position.shape or speed.shape != goal.shape:
         raise InputError("position", goal.shape, f"must have shape {knot.position.shape}")
-    starts, own = knot.states(T), [both(limit) for limit in limits]
+    starts, own = knot.states(T), [both(limit) for limit in limits_of_each(limits, len(goal))]
     shift = np.zeros_like(goal)
     for _ in range(_ROUNDS):
         targets = [State(*row) for row in np.column_stack([goal + shift, speed]).tolist()]

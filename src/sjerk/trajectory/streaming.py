@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sjerk.errors import InputError, positive, real
+from sjerk.limits import limits_of_each
 from sjerk.profile import FloatArray, Limits
 from sjerk.trajectory.horizon import Aims, Horizon, Mode, Plan, numbered
 from sjerk.trajectory.joining import both
@@ -54,10 +55,10 @@ _CYCLES = 2**50
 class GoalStream:
     """Goals of N joints, 2 Hz to the control rate, followed a delay behind.
 
-    ``limits``: one per joint; ``start`` (N,): where the joints rest. ``period`` (s): time between
-    goals, unless they have times of their own. ``delay``: the motion passes a goal so many periods
-    after the first one's arrival and its time; ``margin`` (s) is added to it, for goals that come
-    late and for handing over.
+    ``limits``: one for all joints or one each; ``start`` (N,): where the joints rest. ``period``
+    (s): time between goals, unless they have times of their own. ``delay``: the motion passes a
+    goal so many periods after the first one's arrival and its time; ``margin`` (s) is added to it,
+    for goals that come late and for handing over.
 
     A stream is trusted to keep its limits: the plan may rest beyond the last goal known by what the
     source itself still needs to stop. With ``stop_within`` it always ends at rest at the last goal
@@ -83,7 +84,7 @@ class GoalStream:
 
     def __init__(
         self,
-        limits: Sequence[Limits],
+        limits: Limits | Sequence[Limits],
         cycle_time: float,
         start: ArrayLike,
         *,
@@ -111,9 +112,7 @@ class GoalStream:
                 raise InputError(name, value, f"must be an int in {least} .. {most}")
         if real("margin", margin) < 0.0:
             raise InputError("margin", margin, "must not be negative")
-        if isinstance(limits, Limits) or not all(isinstance(limit, Limits) for limit in limits):
-            raise InputError("limits", limits, "must be a list of one Limits per joint")
-        self._limits = list(limits)
+        self._limits = limits_of_each(limits, np.size(start))
         n = len(self._limits)
         self._names = tuple(joint_names or (f"joint{k}" for k in range(n)))
         if len(self._names) != n:

@@ -6,7 +6,7 @@ A ``Trajectory`` is what a path planner hands over. Never here: profiles, shared
 from __future__ import annotations
 
 import enum
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sjerk.errors import InputError, positive
+from sjerk.limits import limits_of_each
 from sjerk.profile import FloatArray, Limits
 from sjerk.trajectory.columns import Columns
 from sjerk.trajectory.faults import (
@@ -30,6 +31,8 @@ from sjerk.trajectory.files import read_bag, read_table, write_table
 
 #: Two way-points are one where a joint differs by less than this share of its limit or delta.
 RELATIVE = 1e-9
+#: An end velocity below this share of its limit is rest; without limits, of the joint's largest.
+REST = 1e-4
 
 
 class ExecutionMode(enum.Enum):
@@ -42,21 +45,6 @@ class ExecutionMode(enum.Enum):
 
 
 # ---- the trajectory ------------------------------------------------------------------------------
-
-
-def limits_of(limits: Limits | Sequence[Limits], joints: int) -> list[Limits]:
-    """One ``Limits`` per joint: as they are, or one for all; raises InputError."""
-    if isinstance(limits, Limits):
-        return [limits] * joints
-    if isinstance(limits, (str, bytes)) or not isinstance(limits, Iterable):
-        raise InputError("limits", limits, "must be Limits, one per joint or one for all")
-    row = list(limits)
-    for i, limit in enumerate(row):
-        if not isinstance(limit, Limits):
-            raise InputError(f"limits[{i}]", limit, "must be Limits")
-    if len(row) != joints:
-        raise InputError("limits", len(row), f"must be one per joint: {joints}")
-    return row
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,7 +167,8 @@ class Trajectory:
         ``limits``: one per joint, in the order of ``joint_names`` or by name: positions, and
         velocities and accelerations where given. ``joints``: those of the machine, any order.
         ``start`` (N,): where the joints are; a first point at time 0 further away than
-        ``start_tolerance`` (the joint's unit) is a jump, a later one is a ramp. ``begins`` and
+        ``start_tolerance`` (the joint's unit) is a jump, a later one is a ramp. An end velocity
+        that is no more than 1e-4 of its limit (else of the joint's largest) is 0. ``begins`` and
         ``now`` in seconds of one clock: the moment of time 0, and the present.
 
         >>> reach = Limits(1.0, 1.0, 1.0, position=(-1.0, 1.0))
@@ -195,11 +184,7 @@ class Trajectory:
         if start is not None:
             found += self._jump_faults(start, start_tolerance)
         if self.velocity is not None and not end_velocity_allowed:
-            last = len(self) - 1
-            for joint, speed in zip(self.joint_names, self.velocity[-1], strict=True):
-                if speed != 0.0:
-                    why = f"velocity = {speed} at the end, must be 0"
-                    found.append(TrajectoryFault(FaultKind.END_VELOCITY, why, last, joint))
+            found += self._end_faults(limits)
         if begins is not None and begins + self.duration < now:
             why = f"ended {now - begins - self.duration:g} s ago"
             found.append(TrajectoryFault(FaultKind.PAST, why, len(self) - 1))
@@ -227,13 +212,16 @@ class Trajectory:
     def limits_in_order(
         self, limits: Limits | Sequence[Limits] | Mapping[str, Limits]
     ) -> list[Limits]:
-        """One ``Limits`` per joint in the order of ``joint_names``; raises InputError."""
+        """One ``Limits`` per joint in the order of ``joint_names``; raises InputError.
+
+        ``limits``: one for all joints, one each in order, or by name.
+        """
         if isinstance(limits, Mapping):
             missing = [joint for joint in self.joint_names if joint not in limits]
             if missing:
                 raise InputError("limits", sorted(limits), f"must have {', '.join(missing)}")
             limits = [limits[joint] for joint in self.joint_names]
-        return limits_of(limits, len(self.joint_names))
+        return limits_of_each(limits, len(self.joint_names))
 
     def _limit_faults(
         self, limits: Limits | Sequence[Limits] | Mapping[str, Limits]
@@ -259,6 +247,25 @@ class Trajectory:
                         why = f"{name} = {column[point, i]} exceeds {most}"
                         found.append(TrajectoryFault(kind, why, int(point), joint))
         return found
+
+    def _end_faults(
+        self, limits: Sequence[Limits] | Mapping[str, Limits] | None
+    ) -> list[TrajectoryFault]:
+        """Planners leave what rounding makes of 0; as small as that it is an end at rest."""
+        assert self.velocity is not None
+        most = np.abs(self.velocity).max(axis=0)
+        if limits is not None:
+            most = np.array([limit.velocity for limit in self.limits_in_order(limits)])
+        return [
+            TrajectoryFault(
+                FaultKind.END_VELOCITY,
+                f"velocity = {speed} at the end, must be 0 (within {REST:g} of {full:g})",
+                len(self) - 1,
+                joint,
+            )
+            for joint, speed, full in zip(self.joint_names, self.velocity[-1], most, strict=True)
+            if abs(speed) > REST * full
+        ]
 
     def _jump_faults(self, start: ArrayLike, tolerance: float) -> list[TrajectoryFault]:
         here = np.asarray(start, dtype=np.float64)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sjerk.errors import InputError, PlanError, positive
+from sjerk.limits import limits_of_each
 from sjerk.planner import Motion, plan
 from sjerk.profile import FloatArray, Limits
 from sjerk.trajectory.corridor import Corridor
@@ -23,7 +24,6 @@ from sjerk.trajectory.parameterization import moments_of
 from sjerk.trajectory.programme import Answer, Task
 from sjerk.trajectory.segments import Followed, IntArray, Knot, in_blocks
 from sjerk.trajectory.spline import Knots, going_on, split, through
-from sjerk.trajectory.trajectory import limits_of
 from sjerk.trajectory.window import (
     HAND_OUT,
     LOOKAHEAD,
@@ -75,7 +75,7 @@ def follow_path(
     True
     """
     T, path = positive("cycle_time", cycle_time), _path(points)
-    each = limits_of(limits, path.shape[1])
+    each = limits_of_each(limits, path.shape[1])
     names = [f"joint{i}" for i in range(path.shape[1])] if joint_names is None else joint_names
     if isinstance(names, str) or len(names) != path.shape[1]:
         raise InputError("joint_names", names, f"must be one per joint: {path.shape[1]}")
@@ -108,7 +108,7 @@ def follow_stops(
     [1009, 716]
     """
     path = _path(points)
-    return _stops(path, limits_of(limits, path.shape[1]), positive("cycle_time", cycle_time))
+    return _stops(path, limits_of_each(limits, path.shape[1]), positive("cycle_time", cycle_time))
 
 
 def _stops(path: FloatArray, limits: Sequence[Limits], T: float) -> Iterator[Motion]:

@@ -90,6 +90,69 @@ def test_base_node_402_homes_by_switches_and_stops(
             bench.close()
 
 
+def test_base_node_402_leads_profile_torque_and_interpolated_position(
+    drive_on_virtual: tuple[str, Path],
+) -> None:
+    """Modes 4 and 7 by the unmodified master: a torque along its slope, a target in each SYNC."""
+    channel, sheet = drive_on_virtual
+    bench = Bench("virtual", channel, sheet, by_pdo=True)
+    try:
+        bench.start()
+        sdo = bench.node.sdo
+        sdo[0x6087].raw = 2000
+        bench.enable("PROFILED TORQUE")
+        sdo[0x6071].raw = 60
+        bench.wait(lambda: abs(sdo[0x6077].raw - 60) <= 10)
+        bench.wait(lambda: bench.words[-1] & 0x1400 == 0x0400)
+        sdo[0x6071].raw = 0
+        bench.wait(lambda: abs(sdo[0x606C].raw) < REV // 100)
+        start = sdo[0x6064].raw
+        sdo[0x60C1][1].raw = start
+        bench.node.state = "SWITCHED ON"
+        bench.enable("INTERPOLATED POSITION")
+        bench.node.controlword = 0x001F
+        bench.wait(lambda: bench.words[-1] & 0x1000 != 0)
+        start = sdo[0x6062].raw
+        for k in range(200):
+            sdo[0x60C1][1].raw = start + 1000 * k
+        bench.wait(lambda: sdo[0x6062].raw == start + 199_000)
+        assert sdo[0x603F].raw == 0
+    finally:
+        bench.close()
+
+
+def test_base_node_402_reads_what_a_touch_probe_latched(tmp_path: Path) -> None:
+    """60B9h and 60BAh in a TPDO, the function in an RPDO: the place of the edge, to the unit."""
+    config = DriveConfig(probe_1_rev=0.25, probe_1_end_rev=0.3)
+    with served(Device(Drive(config), node_id=NODE), tmp_path) as (channel, sheet):
+        bench = Bench("virtual", channel, sheet, by_pdo=True)
+        try:
+            bench.start()
+            node = bench.node
+            node.nmt.state = "PRE-OPERATIONAL"
+            node.rpdo.read()
+            node.tpdo.read()
+            node.tpdo[2].clear()
+            node.tpdo[2].add_variable(0x60B9)
+            node.tpdo[2].add_variable(0x60BA)
+            node.rpdo[2].clear()
+            node.rpdo[2].add_variable(0x60B8)
+            for pdo in (node.tpdo[2], node.rpdo[2]):
+                pdo.enabled, pdo.trans_type = True, 1
+                pdo.save()
+            node.nmt.state = "OPERATIONAL"
+            bench.enable("PROFILED POSITION")
+            node.rpdo[2]["Touch probe function"].raw = 0x0011
+            node.rpdo[2].transmit()
+            bench.wait(lambda: node.tpdo[2]["Touch probe status"].raw == 1)
+            node.rpdo[1]["Target position"].raw = REV // 2
+            node.controlword = 0x003F
+            bench.wait(lambda: node.tpdo[2]["Touch probe status"].raw == 3)
+            bench.wait(lambda: node.tpdo[2]["Touch probe 1 positive edge"].raw == REV // 4)
+        finally:
+            bench.close()
+
+
 NAMESPACE = ["unshare", "-Urn", "sh", "-c"]
 LOOPBACK = "ip link set lo up && ip route add 239.0.0.0/8 dev lo"
 

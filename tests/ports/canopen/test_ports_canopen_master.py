@@ -4,20 +4,24 @@ from __future__ import annotations
 
 import json
 import shlex
+import struct
 import subprocess
 import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import can
+import numpy as np
 import pytest
 
 from helpers.root import program
-from sjerk import Axis, Drive, InputError, Limits, MotionKernel, SjerkError
+from sjerk import Axis, Drive, DriveConfig, InputError, Limits, MotionKernel, SjerkError
 from sjerk.cycle.states import AxisState
 from sjerk.drive.device import Device
-from sjerk.host import EventKind, MoveState
+from sjerk.host import EventKind, LimitSwitch, MoveState
+from sjerk.kernel import FeedForward
 from sjerk.ports.canopen import MASTER, Master, Node, SdoClient, sender
 
 T = 5e-3
@@ -31,6 +35,7 @@ class Bus:
 
     def __init__(self, channel: str) -> None:
         self.channel = channel
+        self.devices: dict[int, Device] = {}
         self.ends = {node: threading.Event() for node in NODES.values()}
         self.ready = threading.Barrier(len(NODES) + 1)
         self.threads = [
@@ -44,8 +49,9 @@ class Bus:
         self.host = self.kernel.host()
 
     def _drive(self, node_id: int, end: threading.Event) -> None:
+        device = self.devices[node_id] = Device(Drive(), node_id=node_id)
         with can.Bus(interface="virtual", channel=self.channel) as bus:
-            node = Node(Device(Drive(), node_id=node_id), sender(bus), now=time.monotonic())
+            node = Node(device, sender(bus), now=time.monotonic())
             self.ready.wait(10.0)
             node.run(bus, end.is_set)
 
@@ -109,6 +115,58 @@ def test_a_drive_that_falls_silent_is_a_lost_axis(bus: Bus) -> None:
     assert [e.axis for e in host.events()[0] if e.kind is EventKind.SYNC] == [1]
 
 
+def test_offsets_and_switches_travel_by_pdo(bus: Bus) -> None:
+    """60B1h, 60B2h to the drives, and their own feed-forward is off; 60FDh and 60F4h from them.
+
+    The following error of a move is a part of that without feed-forward; a switch is an event.
+    """
+    drive = DriveConfig(following_window=2**32 - 1)
+    axes = [
+        Axis(LIMITS, COUNTS, "external", feed_forward=FeedForward.of(drive)),
+        Axis(LIMITS, COUNTS, "external", feed_forward="velocity"),
+    ]
+    kernel = MotionKernel(axes, T)
+    master = Master(kernel, bus.bus, NODES)
+    nodes = [SdoClient(bus.bus, node) for node in NODES.values()]
+    own = [[struct.unpack("<f", sdo.read(0x2102, sub))[0] for sub in (1, 2)] for sdo in nodes]
+    assert own == [[0.0, 0.0], [0.0, 1.0]]
+    host = kernel.host()
+    host.enable()
+    bus.until(master, lambda: all(a.follows for a in host.feedback().axes), "enabled drives")
+    move = host.move([60.0, 60.0])
+    sent: list[tuple[int, int, int, int]] = []
+
+    def watch() -> bool:
+        a, b = host.feedback().axes
+        sent.append((a.velocity_offset, a.torque_offset, a.following_error, b.torque_offset))
+        return move.done
+
+    bus.until(master, watch, "the goal")
+    speed, torque, error, none = np.abs(sent).max(axis=0)
+    assert speed == pytest.approx(90.0 * COUNTS, rel=0.02)
+    w = np.radians(90.0)
+    friction = drive.friction_nm * w / (w + drive.friction_speed_rad_s)
+    assert torque == pytest.approx(1e3 * friction / drive.rated_torque_nm, abs=2)
+    assert none == 0
+    assert 0 < error < 0.05 * speed / drive.position_gain_per_s
+    for device in bus.devices.values():
+        device.drive.configure(switch_positive_rev=0.2)
+    host.events()
+    move = host.move([90.0, 20.0])
+    closed = [LimitSwitch.POSITIVE, LimitSwitch(0)]
+    bus.until(
+        master,
+        lambda: (
+            [a.limit_switches for a in host.feedback().axes] == closed
+            and move.state.name != "MOVING"
+        ),
+        "a switch",
+    )
+    told = [(e.axis, e.code) for e in host.events()[0] if e.kind is EventKind.SWITCH]
+    assert (0, LimitSwitch.POSITIVE) in told
+    assert master.end()
+
+
 def test_what_cannot_be_led_is_refused(bus: Bus) -> None:
     """Axes that are not external, node numbers that are none, nodes that are not there."""
     inside = MotionKernel([Axis(LIMITS, COUNTS)], T)
@@ -131,6 +189,21 @@ LOOPBACK = "ip link set lo up && ip route add 239.0.0.0/8 dev lo"
 FAULT, DISABLED = (0x4F, 0x08), (0x4F, 0x40)
 
 
+def judged(*words: str) -> Any:
+    """What processes on a bus of their own have seen."""
+    try:
+        denied = subprocess.run([*NAMESPACE, LOOPBACK], capture_output=True, text=True)
+    except FileNotFoundError as error:
+        pytest.skip(f"no unshare: {error}")
+    if denied.returncode:
+        pytest.skip(f"no network namespace with a multicast route: {denied.stderr.strip()}")
+    judge = shlex.join(program("helpers.canopen_kernel", *words))
+    command = f"{LOOPBACK} && exec {judge}"
+    done = subprocess.run([*NAMESPACE, command], capture_output=True, text=True, timeout=180)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout.splitlines()[-1])
+
+
 @pytest.mark.parametrize(
     ("option", "state"), [(1, FAULT), (2, DISABLED), (3, DISABLED)], ids=["fault", "off", "stop"]
 )
@@ -142,18 +215,7 @@ def test_a_killed_kernel_is_noticed_by_its_drive_and_the_next_one_starts_without
     The next kernel finds it disabled and is disabled itself; enabling starts from 6064h, and no
     target it sends is a jump, stale, or a step to the drive.
     """
-    try:
-        denied = subprocess.run([*NAMESPACE, LOOPBACK], capture_output=True, text=True)
-    except FileNotFoundError as error:
-        pytest.skip(f"no unshare: {error}")
-    if denied.returncode:
-        pytest.skip(f"no network namespace with a multicast route: {denied.stderr.strip()}")
-    judge = shlex.join(program("helpers.canopen_kernel", "judge", str(option)))
-    command = f"{LOOPBACK} && exec {judge}"
-    done = subprocess.run([*NAMESPACE, command], capture_output=True, text=True, timeout=180)
-    assert done.returncode == 0, done.stderr
-    seen = json.loads(done.stdout.splitlines()[-1])
-
+    seen = judged("judge", str(option))
     first, second = seen["first"], seen["second"]
     assert (first[0]["state"], first[0]["enabled"]) == ("DISABLED", False)
     assert first[-1] == {"moving": True}
@@ -170,3 +232,27 @@ def test_a_killed_kernel_is_noticed_by_its_drive_and_the_next_one_starts_without
     assert second[-1]["done"]
     assert abs(second[-1]["at"] - 10.0 * COUNTS) <= 0.01 * COUNTS
     assert second[-1]["findings"] == [0] * 7
+
+
+# ---- its end -------------------------------------------------------------------------------------
+
+
+def test_the_end_of_a_kernel_waits_for_its_drives_and_no_longer() -> None:
+    """Out of full motion: at rest, then disabled, then the master leaves; not for a dead drive.
+
+    The drive is a process of its own, told by SDO after the master has gone; then it is suspended.
+    """
+    seen = judged("end")
+    heard, silent = seen["heard"], seen["silent"]
+    assert heard["whole"]
+    assert not heard["stale"]
+    assert heard["velocity"] == 0.0
+    word, speed, error = seen["drive"]
+    assert word & 0x6F != 0x27
+    assert heard["word"] & 0x6F == word & 0x6F
+    assert abs(speed) <= 1e-3 * 90.0 * COUNTS
+    assert error == 0
+    assert seen["findings"] == [0] * 3
+    assert silent["stale"]
+    assert not silent["whole"]
+    assert silent["seconds"] < 2.0

@@ -18,6 +18,7 @@ from typing import Any
 
 from sjerk.drive import Device, DriveFault, DriveState
 from sjerk.drive.objects import DISABLED, PDOS
+from sjerk.ports.canopen.deadlines import Deadlines
 from sjerk.ports.canopen.frames import Frame, Send
 from sjerk.ports.canopen.sdo import SdoServer
 
@@ -28,7 +29,10 @@ CATCH_UP_SYNCED_S = 2.0
 SYNCS_COMPARED = 16
 """Intervals between SYNCs whose median is compared with 60C2h."""
 
-_PDO_LENGTH_SHORT, _PDO_LENGTH_LONG = 0x8210, 0x8220
+_PDO_LENGTH_SHORT, _PDO_LENGTH_LONG, _PDO_TIMEOUT = 0x8210, 0x8220, 0x8250
+
+
+_FAULTED = (DriveState.FAULT_REACTION_ACTIVE, DriveState.FAULT)
 
 
 class NmtState(enum.IntEnum):
@@ -81,6 +85,8 @@ class Node:
         self._synced_at: float | None = None
         self._intervals: list[float] = []
         self._bad_lengths: dict[int, int] = {}
+        self._deadlines = Deadlines(device)
+        self._told_deadlines = False
         self._sync_counts = [0] * PDOS
         self._pending: dict[int, bytes] = {}
         self._sent: list[bytes | None] = [None] * PDOS
@@ -112,7 +118,7 @@ class Node:
         elif 0x700 < identifier < 0x780:
             self._heard(identifier - 0x700, now)
         elif self.nmt == NmtState.OPERATIONAL:
-            self._process_data(identifier, data)
+            self._process_data(identifier, data, now)
 
     def _serve(self, request: bytes, now: float) -> None:
         """One SDO request; without SYNC a new controlword counts before the statusword is read."""
@@ -148,6 +154,8 @@ class Node:
         # a stopped node has no master: 6007h decides
         lost = self._master_lost or self.nmt == NmtState.STOPPED
         self.device.drive.inject(DriveFault.LOST_LINK, lost)
+        self._deadlines.clear()
+        self._end_deadlines()
 
     def _boot(self, now: float) -> None:
         self._sdo = SdoServer(self.device)
@@ -157,13 +165,16 @@ class Node:
         self._synced_at = None
         self._intervals.clear()
         self._bad_lengths.clear()
+        self._deadlines.clear()
+        self._told_deadlines = False
         self.device.end_errors()
         self._error = self.device.feedback.error_code
         self._heartbeat_due = now
         self._master_due = None
         self._master_lost = False
         self._pending.clear()
-        self.device.drive.inject(DriveFault.LOST_LINK, False)
+        for cause in (DriveFault.LOST_LINK, DriveFault.RPDO_TIMEOUT):
+            self.device.drive.inject(cause, False)
         self.nmt = NmtState.PRE_OPERATIONAL
         self._send(0x700 + self.device.node_id, b"\0")
         self._after_cycle()
@@ -196,7 +207,7 @@ class Node:
             self._cycle_due = now  # no use to wait for its SYNC
             self.device.drive.inject(DriveFault.LOST_LINK)
 
-    def _process_data(self, identifier: int, data: bytes) -> None:
+    def _process_data(self, identifier: int, data: bytes, now: float) -> None:
         for number in range(PDOS):
             word, kind = self.device.communication(number, receive=True)
             if word & DISABLED or word & 0x7FF != identifier:
@@ -205,6 +216,8 @@ class Node:
             self._judge_length(number, len(data) - length)
             if len(data) < length:
                 return
+            self._deadlines.heard(number, now)
+            self._end_deadlines()
             if kind <= 240:
                 self._pending[number] = data
             else:
@@ -221,9 +234,35 @@ class Node:
             self._emergency(code)
             return
         del self._bad_lengths[number]
-        if not self._bad_lengths:
+        self._end_errors()
+
+    def _end_errors(self) -> None:
+        """Tell that an error of the communication is over; 1001h shows the others still."""
+        if not self._bad_lengths and not self._told_deadlines:
             self.device.end_errors()
         self._emergency(0)
+
+    def _watch_deadlines(self, now: float) -> None:
+        """A receive PDO that is late is a lost link, and one emergency of drive or node."""
+        for _ in self._deadlines.missed(now):
+            device = self.device
+            device.drive.inject(DriveFault.RPDO_TIMEOUT)
+            self._cycle_due = now
+            if device.read(0x6007) == 1 and device.feedback.state not in _FAULTED:
+                continue  # its fault tells
+            self._told_deadlines = True
+            device.report_error(_PDO_TIMEOUT)
+            self._emergency(_PDO_TIMEOUT)
+        self._end_deadlines()
+
+    def _end_deadlines(self) -> None:
+        """Every receive PDO that is watched has come again."""
+        if self._deadlines.missing:
+            return
+        self.device.drive.inject(DriveFault.RPDO_TIMEOUT, False)
+        if self._told_deadlines:
+            self._told_deadlines = False
+            self._end_errors()
 
     def _remote(self, identifier: int, now: float) -> None:
         if self.nmt != NmtState.OPERATIONAL:
@@ -301,6 +340,7 @@ class Node:
         """Do what is due by the time `now`; returns the time when something is due next."""
         device = self.device
         self._watch_master(now)
+        self._watch_deadlines(now)
         if self._cycle_due <= now:
             self._live_on(now)
         interval = int(device.read(0x1017)) * 1e-3
@@ -317,6 +357,8 @@ class Node:
             due.append(self._heartbeat_due)
         if self._master_due is not None:
             due.append(self._master_due)
+        if self._deadlines.due is not None:
+            due.append(self._deadlines.due)
         return min(due)
 
     def _events(self, now: float) -> None:

@@ -78,12 +78,12 @@ typedef struct {
     int64_t sync_next_ns;   /* system time of the next event that counts */
     int64_t sync_period_ns; /* 0: none */
     /* the application's task */
-    int32_t sync_source; /* SJ_SYNC_... */
-    int32_t applied;     /* 1 in OP: outputs reach the drive */
-    int32_t deaf;        /* 1: the target position is never taken */
-    int32_t target_mapped;
-    int32_t target_written; /* since the drive was last enabled */
-    int32_t fresh;          /* outputs came since the last period */
+    int32_t sync_source;     /* SJ_SYNC_... */
+    int32_t applied;         /* 1 in OP: outputs reach the drive */
+    int32_t deaf;            /* 1: the target position is never taken */
+    int32_t targets_mapped;  /* bit 0 607Ah, bit 1 60C1h:1 */
+    int32_t targets_written; /* likewise, since the drive was last enabled */
+    int32_t fresh;           /* outputs came since the last period */
     int64_t period_ns;
     int64_t period_next_ns; /* of the local clock */
     int64_t output_ns;      /* `now` of the last complete buffer of outputs */
@@ -132,6 +132,9 @@ void sj_esc_reset_loop(sj_esc *esc);
 void sj_esc_start_sync(sj_esc *esc, int64_t now);      /* 0981h was written */
 void sj_line_advance(sj_line *line, int64_t now);      /* all that is due */
 int64_t sj_line_due(const sj_line *line, int64_t now); /* when the next is */
+/* Virtual time from *now to `end`, each event at its own time; it returns early, with 1, where a device
+ * has events for its application. single: after one step. */
+int32_t sj_line_pass(sj_line *line, int64_t *now, int64_t end, int32_t single);
 
 /* ---- the drive's task (_esc_task.c) ---- */
 void sj_esc_period(sj_esc *esc, int32_t missed);

@@ -234,3 +234,17 @@ int64_t sj_line_due(const sj_line *line, int64_t now)
     }
     return plus(now, wait < 0 ? 0 : wait);
 }
+
+int32_t sj_line_pass(sj_line *line, int64_t *now, int64_t end, int32_t single)
+{
+    do {
+        const int64_t due = sj_line_due(line, *now);
+        if (due > *now)
+            *now = earlier(due, end);
+        sj_line_advance(line, *now);
+        for (int i = 0; i < line->count; i++)
+            if (line->devices[i].events)
+                return 1;
+    } while (*now < end && !single);
+    return 0;
+}

@@ -33,8 +33,7 @@ static void take_outputs(sj_esc *esc)
         memcpy(outputs->slow, slow, sizeof slow);
         esc->events |= SJ_ESC_SLOW_OUTPUTS;
     }
-    if (esc->target_mapped)
-        esc->target_written = 1;
+    esc->targets_written |= esc->targets_mapped;
 }
 
 static void give_inputs(sj_esc *esc)
@@ -62,14 +61,16 @@ void sj_esc_period(sj_esc *esc, int32_t missed)
     rx.sync_missed = missed != 0;
     if (!esc->applied)
         rx.controlword &= (uint16_t)~SJ_CW_ENABLE_OPERATION;
-    if (esc->deaf || (!was_enabled && !esc->target_written))
+    if (esc->deaf || (!was_enabled && !(esc->targets_written & 1)))
         rx.target_position = esc->rx.target_position = esc->tx.position_actual;
+    if (esc->deaf || (!was_enabled && !(esc->targets_written & 2)))
+        rx.interpolated_position = esc->rx.interpolated_position = esc->tx.position_actual;
     sj_drive_cycle_planned(esc->drive, &rx, &esc->tx);
     give_inputs(esc);
     esc->periods++;
     esc->fresh = 0;
     if (was_enabled && !sj_master_enabled(esc->tx.statusword))
-        esc->target_written = 0;
+        esc->targets_written = 0;
     if (esc->tx.error_code != esc->error) {
         esc->error = esc->tx.error_code;
         esc->events |= SJ_ESC_ERROR;

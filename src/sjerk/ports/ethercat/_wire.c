@@ -1,4 +1,5 @@
-/* A line of emulated devices on a network interface: the only file that knows sockets.
+/* EtherCAT frames on a network interface: the only file that knows sockets. A line of emulated devices
+ * answers there, or the cycle of a main device asks.
  *
  * A frame counts at the time the system received it (SO_TIMESTAMPNS), whatever the emulator did then;
  * what was due before is done before.
@@ -13,6 +14,7 @@
 #include <stdint.h>
 #include <string.h>
 #include <sys/socket.h>
+#include <linux/filter.h>    /* frames by their index */
 #include <linux/if_packet.h> /* sockaddr_ll */
 #include <time.h>
 #include <unistd.h> /* close */
@@ -51,6 +53,30 @@ int32_t sj_wire_open(const char *interface_name)
         close(fd);
         return -error;
     }
+    return fd;
+}
+
+int32_t sj_wire_open_for(const char *interface_name, int32_t first, int32_t last)
+{
+    /* the index is byte 17; what else comes is not woken up for */
+    struct sock_filter code[] = {
+        BPF_STMT(BPF_LD | BPF_B | BPF_ABS, 17),
+        BPF_JUMP(BPF_JMP | BPF_JGE | BPF_K, (uint32_t)first, 0, 2),
+        BPF_JUMP(BPF_JMP | BPF_JGT | BPF_K, (uint32_t)last, 1, 0),
+        BPF_STMT(BPF_RET | BPF_K, ROOM),
+        BPF_STMT(BPF_RET | BPF_K, 0),
+    };
+    const struct sock_fprog program = {sizeof code / sizeof code[0], code};
+    const int one = 1;
+    const int32_t fd = sj_wire_open(interface_name);
+    if (fd < 0)
+        return fd;
+    if (setsockopt(fd, SOL_SOCKET, SO_ATTACH_FILTER, &program, sizeof program) < 0) {
+        const int error = errno;
+        close(fd);
+        return -error;
+    }
+    setsockopt(fd, SOL_PACKET, PACKET_QDISC_BYPASS, &one, sizeof one); /* sooner; not all can */
     return fd;
 }
 
@@ -146,4 +172,43 @@ int32_t sj_wire_serve(sj_line *line, int32_t fd, int64_t until)
         if (told >= 0)
             return told;
     }
+}
+
+/* ---- a main device's cycle ---- */
+
+static int64_t take(void *self)
+{
+    sj_wire_bus *wire = self;
+    uint8_t frame[ROOM];
+    /* bounded: the answers of a cycle, and no more than a flood leaves time for */
+    for (int i = 0; i < 8 * SJ_BUS_FRAMES; i++) {
+        const ssize_t length = recv(wire->socket, frame, sizeof frame, MSG_DONTWAIT);
+        if (length < 0)
+            break;
+        sj_bus_accept(wire->bus, frame, (int32_t)length);
+    }
+    return sj_bus_settle(wire->bus);
+}
+
+static void send_out(void *self, int64_t deadline_ns)
+{
+    sj_wire_bus *wire = self;
+    sj_bus *bus = wire->bus;
+    sj_bus_compose(bus, sj_wire_now(), deadline_ns);
+    wire->failed = 0;
+    for (int32_t i = 0; i < bus->frames; i++)
+        if (send(wire->socket, bus->flight[i].bytes, (size_t)bus->flight[i].length, MSG_DONTWAIT) <
+            0)
+            wire->failed = errno;
+}
+
+static void state(void *self, sj_feedback *feedback)
+{
+    const sj_wire_bus *wire = self;
+    sj_bus_state(wire->bus, feedback);
+}
+
+void sj_wire_exchange(sj_wire_bus *wire, sj_exchange *exchange)
+{
+    *exchange = (sj_exchange){wire, take, send_out, state};
 }

@@ -118,11 +118,13 @@ class Line:
         if ns < 0:
             raise InputError("ns", ns, "must not be negative")
         end = self.now + ns
+        passed = ffi.new("int64_t *", self.now)
         while True:
-            due = lib.sj_line_due(self._line, self.now)
-            self.now = min(end, max(due, self.now))
-            lib.sj_line_advance(self._line, self.now)
-            self._serve(self.now)
+            busy = any(device.busy for device in self.devices)
+            told = lib.sj_line_pass(self._line, passed, end, busy)
+            self.now = passed[0]
+            if told or busy:
+                self._serve(self.now)
             if self.now >= end:
                 return
 

@@ -8,16 +8,18 @@ Never here: frames, CoE, states of the application layer.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 from sjerk._binding import ffi, lib
 from sjerk.drive import Device, Drive, DriveConfig, DriveFeedback, StatusWord
+from sjerk.drive.device import POSITIONS
 from sjerk.drive.entries import ObjectEntry
 
 _TX_FIELDS = DriveFeedback._fields[1:]
 _SPECIAL = {0x607A: "target_position", 0x6060: "mode"}
-_RX_OFFSETS = {name: entry.offset for name, entry in ffi.typeof("sj_drive_rx").fields}
-_TX_OFFSETS = {name: entry.offset for name, entry in ffi.typeof("sj_drive_tx").fields}
+RX_OFFSETS = {name: entry.offset for name, entry in ffi.typeof("sj_drive_rx").fields}
+TX_OFFSETS = {name: entry.offset for name, entry in ffi.typeof("sj_drive_tx").fields}
 
 
 class WireDrive(Drive):
@@ -61,14 +63,17 @@ class WireDevice(Device):
         )
         for name in self._rx:
             self._rx[name] = getattr(rx, name)
-        self._target_written = bool(self._esc.target_written)
+        written = self._esc.targets_written
+        self._written = {name for bit, name in enumerate(POSITIONS) if written >> bit & 1}
 
     def push(self) -> None:
         """The words of the dictionary to the controller."""
         rx = self._esc.rx
         for name, value in self._rx.items():
             setattr(rx, name, value)
-        self._esc.target_written = self._target_written
+        self._esc.targets_written = sum(
+            1 << bit for bit, name in enumerate(POSITIONS) if name in self._written
+        )
 
     def release(self) -> None:
         """The main device that gave the commands is gone: none enables operation, none resets."""
@@ -82,6 +87,17 @@ class WireDevice(Device):
         return code
 
 
+def targets_in(rows: Iterable[ObjectEntry]) -> int:
+    """Set-points among mapped objects: bit n for the n-th of `POSITIONS`.
+
+    >>> from sjerk.drive.objects import entry
+    >>> targets_in([entry(0x6040, 0), entry(0x60C1, 1)])
+    2
+    """
+    offsets = {word_of(row, receive=True) for row in rows}
+    return sum(1 << bit for bit, name in enumerate(POSITIONS) if _RX_OFFSETS[name] in offsets)
+
+
 def word_of(row: ObjectEntry, *, receive: bool) -> int | None:
     """Where a mapped object lies in ``sj_drive_rx`` or ``sj_drive_tx``; None: in neither.
 
@@ -93,7 +109,7 @@ def word_of(row: ObjectEntry, *, receive: bool) -> int | None:
     if receive and row.sub == 0 and row.index in _SPECIAL:
         side, name = "rx", _SPECIAL[row.index]
     if receive and side == "rx":
-        return int(_RX_OFFSETS[name])
+        return int(RX_OFFSETS[name])
     if not receive and side == "tx":
-        return int(_TX_OFFSETS[name])
+        return int(TX_OFFSETS[name])
     return None

@@ -20,7 +20,7 @@ from sjerk.drive.entries import SdoError
 from sjerk.ports.ethercat.behaviours import Behaviour
 from sjerk.ports.ethercat.coe import HEADER, CoeServer, Mail
 from sjerk.ports.ethercat.dictionary import Dictionary, Layout, Mapped
-from sjerk.ports.ethercat.servo import WireDevice, word_of
+from sjerk.ports.ethercat.servo import WireDevice, targets_in, word_of
 from sjerk.ports.ethercat.sii import Area, areas, sii
 from sjerk.ports.ethercat.states import ERROR, AlCode, AlState, refusal
 
@@ -144,6 +144,11 @@ class Subdevice:
         return self._get("<H", _AL_CODE)
 
     @property
+    def controller(self) -> Any:
+        """Its controller (``sj_esc *``): memory, buffers, the drive's words."""
+        return self._esc
+
+    @property
     def waiting(self) -> bool:
         """Whether a transition waits for outputs or SYNC0."""
         return self._waiting is not None
@@ -232,7 +237,7 @@ class Subdevice:
             esc.sync_source = lib.SJ_SYNC_FREE
             esc.period_ns = round(self._config.period_s * 1e9)
             esc.outputs.bytes = esc.inputs.bytes = esc.outputs.words = esc.inputs.words = 0
-            esc.target_mapped = esc.deaf = 0
+            esc.targets_mapped = esc.deaf = 0
             self._slow = ([], [])
             lib.sj_esc_open(esc, 0)
         if state is AlState.INIT:
@@ -378,7 +383,7 @@ class Subdevice:
                 return AlCode.OUTPUT_MAPPING if receive else AlCode.INPUT_MAPPING
             process.start, process.bytes = start, layout.length
             process.words = len(layout.words)
-        esc.target_mapped = any(mapped.row.index == 0x607A for mapped in outputs.words)
+        esc.targets_mapped = targets_in(mapped.row for mapped in outputs.words)
         lib.sj_esc_open(esc, 1)
         return AlCode.NONE
 
