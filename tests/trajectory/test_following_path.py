@@ -17,7 +17,7 @@ from helpers.following_check import (
     recording_keeps,
     toppra_plan,
 )
-from sjerk import InputError, Limits, follow_path, follow_stops, plan
+from sjerk import InputError, Limits, Trajectory, follow, follow_path, follow_stops, plan
 from sjerk.trajectory.segments import Followed
 
 ROBOT = Limits(velocity=2.0, acceleration=4.0, jerk=500.0)
@@ -185,3 +185,15 @@ def test_nothing_to_do_and_nothing_usable() -> None:
     for how in options:
         with pytest.raises(InputError):
             follow_path([[0.0], [1.0]], [ROBOT], T, **how)
+
+
+@pytest.mark.parametrize("size", [5e-324, 4.7e-283, 1e-160, 1e-100, 1e-30, 1e-14])
+@pytest.mark.filterwarnings("error")
+def test_ways_of_nearly_nothing(size: float) -> None:
+    """Ways down to the smallest number there is are ways: no overflow, the end exact."""
+    path = 0.5 * (1.0 - np.cos(np.linspace(0.0, np.pi, 11)))[:, None] * [size, -size]
+    for blocks in (
+        list(follow_path(path, [ROBOT] * 2, T)),
+        list(follow(Trajectory(["a", "b"], np.linspace(0.0, 1.0, 11), path), [ROBOT] * 2, T)),
+    ):
+        np.testing.assert_array_equal(blocks[-1].position[-1], path[-1])

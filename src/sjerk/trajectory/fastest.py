@@ -1,9 +1,8 @@
 """The fastest spline past way-points: a sequence of convex steps.
 
 Each round takes one step in all unknowns, puts every moment where its way-point is nearest, and
-finds
-control points and pace anew for these moments, which is convex: so every round ends in a motion,
-and is kept only if it is faster. Never here: windows, rows of programmes.
+finds control points and pace anew for these moments, which is convex: so every round ends in a
+motion, and is kept only if it is faster. Never here: windows, rows of programmes.
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
 """Moments to begin with: how fast a path of straight lines may be passed, roughly.
 
 Caps of the speed along the lines from velocity and curvature, a forward and a backward pass with
-the
-acceleration (Bobrow 1985), then a mean over the time that the jerk needs. Never here: what follows
-from them; they are a start.
+the acceleration (Bobrow 1985), then a mean over the time that the jerk needs. Never here: what
+follows from them; they are a start.
 """
 
 from __future__ import annotations
@@ -14,6 +13,8 @@ from sjerk.profile import FloatArray
 
 #: Share of the acceleration that turning may take, and pushing.
 _SHARE = 0.7
+#: A way (in cycles at full velocity), and a slope, that is none: its square's inverse is a number.
+_LEAST = 1e-100
 #: Nodes of a path, at least, and per way-point.
 _NODES, _PER_POINT = 400, 4
 
@@ -30,7 +31,7 @@ def moments_of(
     """
     V, A, J = table.T
     way = np.diff(points, axis=0)
-    length = np.maximum(np.sqrt(((way / V) ** 2).sum(axis=1)), 1e-300)  # cycles at full velocity
+    length = np.maximum(np.sqrt(((way / V) ** 2).sum(axis=1)), _LEAST)  # cycles at full velocity
     s = np.concatenate([[0.0], np.cumsum(length)])
     direction = way / length[:, None]
     grid = np.union1d(np.linspace(0.0, s[-1], max(_NODES, _PER_POINT * len(points))), s)
@@ -38,8 +39,8 @@ def moments_of(
         np.searchsorted(s, 0.5 * (grid[1:] + grid[:-1]), side="right") - 1, 0, len(way) - 1
     )
     steep = np.abs(direction[line])  # of each piece of the grid
-    most = (V / np.maximum(steep, 1e-300)).min(axis=1) ** 2
-    push = _SHARE * (A / np.maximum(steep, 1e-300)).min(axis=1)
+    most = (V / np.maximum(steep, _LEAST)).min(axis=1) ** 2
+    push = _SHARE * (A / np.maximum(steep, _LEAST)).min(axis=1)
     square = np.full(len(grid), np.inf)
     square[:-1] = most
     square[1:] = np.minimum(square[1:], most)
@@ -48,7 +49,7 @@ def moments_of(
         half = 0.5 * (length[1:] + length[:-1])[:, None]
         bend[1:-1] = np.abs(np.diff(direction, axis=0)) / half
         turn = np.stack([np.interp(grid, s, column) for column in bend.T], axis=1)
-        square = np.minimum(square, (_SHARE * A / np.maximum(turn, 1e-300)).min(axis=1))
+        square = np.minimum(square, (_SHARE * A / np.maximum(turn, _LEAST)).min(axis=1))
     first = 0.0
     if velocity is not None:  # along the first line
         first = (

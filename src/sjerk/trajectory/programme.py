@@ -6,8 +6,7 @@ Unknown are the control points, the moments of the way-points if they may move, 
     |hull| <= V pace,  |acceleration| <= A pace^2,  |jerk| <= J pace^3
 
 with the powers replaced by their tangents at the present pace; these lie below them, so what is
-found
-keeps the limits. The only other thing linearised is how a way-point's place moves with its moment.
+found keeps the limits. The only other thing linearised is how a way-point's place moves with its moment.
 Never here: what to do with an answer.
 """
 
@@ -20,12 +19,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sjerk._binding import ffi, lib
+from sjerk.errors import PlanError
 from sjerk.profile import FloatArray
 from sjerk.trajectory.segments import doubles
 from sjerk.trajectory.spline import HALF_CYCLE, IntArray, Knots, take
 
 #: Coefficients of a row: four control points and a moment.
 _WIDTH = 5
+#: Segments that leave a control point free between the state at the start and rest.
+_FEWEST = 4
 #: What the excess (in tolerances) costs beside a pace of 1.
 _EXCESS = 1e3
 #: Least squares of the jerk (in limits) and of the misses (in tolerances).
@@ -42,8 +44,7 @@ class Task:
 
     ``limits`` (J, 3); ``unit`` (J,): tolerances; ``points`` (n, J); ``start`` (3, J): position,
     velocity, acceleration at the first knot; ``end`` (J,): rest at the last, or None: rest
-    anywhere;
-    ``box`` (J, 2): positions allowed, or None; ``least`` (n + 1,): cycles asked from way-point to
+    anywhere; ``box`` (J, 2): positions allowed, or None; ``least`` (n + 1,): cycles asked from way-point to
     way-point, from the start to the end, or None: order only; ``speed`` (n, J): velocities wished;
     ``held`` (n,): 1 for way-points whose moments stay, on a knot; else 0.
     """
@@ -100,7 +101,9 @@ class Programme:
         self._task, self._knots, self._before = task, knots, before
         self._paced = paced
         self._parts: list[tuple[NDArray[Any], ...]] = []
-        J, N, n, pace = len(task.unit), len(knots), len(task.points), before.pace
+        J, N, pace = len(task.unit), len(knots), before.pace
+        if N < _FEWEST:
+            raise PlanError(f"knots = {N + 1}, must be at least {_FEWEST + 1}")
         self._origin = task.start[0]
         # control points that are known: the start's, and rest at the end
         self._known, self._slope = np.zeros((N + 3, J)), np.zeros((N + 3, J))
@@ -136,13 +139,11 @@ class Programme:
         self._rows(nothing, np.zeros((1, 1)), 0.0, np.inf, excess=(1.0, 0.0))
         if self._moment is not None and task.least is not None:
             self._order()
-        del n
 
     def _links(self, N: int) -> None:
         """Moments in order, and links between far ones, so that rows stay short.
 
-        a[i + 1] - a[i] >= g is the same as a link b with b - a[i] >= g / 2 and a[i + 1] - b >= g /
-        2.
+        a[i + 1] - a[i] >= g is the same as a link b that is g / 2 from both at least.
         """
         task, own = self._task, self._segment + 3.5
         n = len(own)

@@ -249,7 +249,7 @@ class Trajectory:
         return found
 
     def _end_faults(
-        self, limits: Sequence[Limits] | Mapping[str, Limits] | None
+        self, limits: Limits | Sequence[Limits] | Mapping[str, Limits] | None
     ) -> list[TrajectoryFault]:
         """Planners leave what rounding makes of 0; as small as that it is an end at rest."""
         assert self.velocity is not None
