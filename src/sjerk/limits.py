@@ -173,6 +173,36 @@ class State:
     #: For C calls: an ``sj_state``, made once for every later call.
     memory: bytes = field(init=False, repr=False, compare=False)
 
+    @classmethod
+    def continuous(
+        cls,
+        position: float,
+        velocity: float = 0.0,
+        acceleration: float = 0.0,
+        *,
+        cycle_time: float,
+    ) -> State:
+        """Return the sample behind which the continuous motion (P, V, A) lies, without jerk so far.
+
+        A state is one of samples, and its motion is half a cycle of acceleration ahead of it. A
+        plan from ``continuous`` begins with exactly the V and A given: where V + A^2 / 2J is the
+        velocity limit it is not exceeded. The half-cycle lemma (``docs/architecture.md``):
+        a = A, v = V - T A / 2, q = P - T V / 2 + T^2 A / 3. Raises ``InputError``.
+
+        >>> State.continuous(0.0, 2.0, 8.0, cycle_time=0.5).velocity
+        0.0
+        """
+        T = positive("cycle_time", cycle_time)
+        P, V, A = (
+            real(name, value)
+            for name, value in (
+                ("position", position),
+                ("velocity", velocity),
+                ("acceleration", acceleration),
+            )
+        )
+        return cls(P - T * V / 2.0 + T**2 * A / 3.0, V - T * A / 2.0, A)
+
     def __post_init__(self) -> None:
         numbers = [
             real(name, getattr(self, name)) for name in ("position", "velocity", "acceleration")

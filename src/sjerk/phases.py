@@ -119,6 +119,11 @@ class Extrema:
             )
         )
 
+    def leaves(self, low: float, high: float) -> bool:
+        """Whether the position leaves this range, by more than rounding."""
+        slack = 1e-12 * max(abs(low), abs(high))
+        return self.position.low < low - slack or self.position.high > high + slack
+
     @property
     def turns(self) -> bool:
         """Whether the velocity has both signs, by more than 1e-9 of its largest."""

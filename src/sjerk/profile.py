@@ -65,20 +65,13 @@ class Profile(Plan):
     @property
     def leaves_range(self) -> bool:
         """Whether the plan leaves ``position_range`` between its start and its end."""
-        if self._range is None:
-            return False
-        low, high = self._range
-        reach = self.extrema().position
-        slack = 1e-12 * max(abs(low), abs(high))
-        return reach.low < low - slack or reach.high > high + slack
+        return self._range is not None and self.extrema().leaves(*self._range)
 
     @property
     def retracts(self) -> bool:
         """Whether the velocity turns on the way: the axis swings back, or first goes the other way.
 
-        So it is where the start is too fast to stop before the target, and moves away from it;
-        and where a target in motion leaves no other way. Turns by rounding, below 1e-9 of the
-        largest velocity, are none.
+        So it is where the start is too fast to stop before the target, or moves away from it.
 
         >>> from sjerk import plan
         >>> plan(State(0.0, 90.0), 5.0, Limits(90.0, 500.0, 5000.0), 1e-3).retracts
@@ -153,6 +146,26 @@ class Profile(Plan):
             raise InputError("out", "one array for two columns", "must be five arrays")
         self.fill(out, rows)
         return out
+
+    def state(self, cycle: int) -> State:
+        """Return the state in which the motion can be left after ``cycle`` cycles, 0 or more.
+
+        Row 1 of a plan from it follows row ``cycle`` of ``sample()`` by Eqs. (15)-(17). A ``State``
+        has no jerk: by the half-cycle lemma it is the sample without jerk behind which the same
+        motion lies, a + T j / 2, v - T^2 j / 4, q + T^3 j / 8. Raises ``InputError``.
+
+        >>> scurve(160.0, Limits(90.0, 500.0, 5000.0), 1e-3).state(1000).velocity
+        89.94938132733408
+        """
+        if isinstance(cycle, bool) or not isinstance(cycle, int) or cycle < 0:
+            raise InputError("cycle", cycle, "must be an int, at least 0")
+        T, v, behind = self._cycle_time, self._end.velocity, cycle - self.cycles - 1
+        if behind >= -1:
+            return State(self._end.position + behind * (T * v), v)
+        rows = Samples.empty(cycle + 1)
+        self.fill(rows, cycle + 1)
+        q, v, a, j = (float(getattr(rows, name)[-1]) for name in COLUMNS[1:])
+        return State(q + j * T**3 / 8.0, v - j * T**2 / 4.0, a + j * T / 2.0)
 
     def fill(self, out: Samples, rows: int) -> None:
         """Fill the arrays of ``out`` with ``rows`` samples; any number of rows.

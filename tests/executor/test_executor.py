@@ -9,10 +9,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from helpers.following_check import Array, toppra_plan
 from helpers.path_check import PANDA, Bench, T, along, curve, keeps
-from sjerk import Axis, InputError, MotionKernel, Trajectory, TrajectoryExecutor
+from sjerk import Axis, InputError, MotionKernel, State, Trajectory, TrajectoryExecutor, plan
 from sjerk.executor import GoalHandle, GoalStatus, ResultCode, Settings, Tolerance
 from sjerk.trajectory import ExecutionMode
 
@@ -451,3 +453,30 @@ def test_a_kernel_in_its_process() -> None:
             second.cancel()
             assert second.status is GoalStatus.CANCELED
         host.disable()
+
+
+@settings(max_examples=12)
+@given(
+    ends=st.lists(st.floats(-0.8, 0.8), min_size=7, max_size=7),
+    factor=st.sampled_from([1.0, 1.01, 1.1, 1.3, 2.0]),
+    here=st.booleans(),
+)
+def test_a_goal_that_a_plan_can_reach_in_its_time_is_reached_in_its_time(
+    ends: list[float], factor: float, here: bool
+) -> None:
+    """One way-point, or the present place and one: as soon as ``plan`` says that it can be."""
+    least = plan([State(0.0)] * 7, [State(end) for end in ends], PANDA, T).cycles
+    due = int(np.ceil(least * factor)) + 2
+    machine = Machine()
+    rows, moments = np.array([np.zeros(7), ends]), np.array([0.0, due * T])
+    goal = machine.executor.submit(
+        Trajectory(NAMES, moments, rows) if here else Trajectory(NAMES, moments[1:], rows[1:])
+    )
+    positions = machine.finish(goal)
+    assert goal.status is GoalStatus.SUCCEEDED, goal.text
+    assert goal.stretch <= 3 * T
+    moving = np.flatnonzero((np.diff(positions, axis=0) != 0.0).any(axis=1))
+    if len(moving):
+        assert moving[-1] - moving[0] <= due + 3
+        np.testing.assert_array_equal(positions[-1], ends)
+    keeps(positions, PANDA)

@@ -18,7 +18,7 @@ import time
 import can
 
 from helpers.root import program
-from sjerk import Axis, DriveConfig, Limits, MotionKernel
+from sjerk import Axis, DriveConfig, Limits, MotionKernel, SjerkError
 from sjerk.kernel import FeedForward
 from sjerk.ports.canopen import Master, SdoClient
 
@@ -144,6 +144,18 @@ def last(bus: can.BusABC) -> None:
     )
 
 
+def read(bus: can.BusABC, index: int, sub: int = 0, *, signed: bool = False) -> int:
+    """A number from the drive; a busy machine may be slow to answer."""
+    sdo, tries = SdoClient(bus, NODE), 10
+    while True:
+        try:
+            return int.from_bytes(sdo.read(index, sub), "little", signed=signed)
+        except SjerkError:
+            tries -= 1
+            if not tries:
+                raise
+
+
 def end() -> None:
     order = [sys.executable, "-m", "sjerk", "drive", "--node", str(NODE)]
     drive = subprocess.Popen(order, stdout=subprocess.PIPE, text=True)
@@ -161,15 +173,13 @@ def end() -> None:
         return dict(json.loads(out))
 
     try:
-        with can.Bus(**BUS) as bus:
-            sdo = SdoClient(bus, NODE)
-            seen: dict[str, object] = {"heard": ended(False)}
+        seen: dict[str, object] = {"heard": ended(False)}
+        with can.Bus(**BUS) as bus:  # not before: no frames of the motion wait in it
             seen["drive"] = [
-                int.from_bytes(sdo.read(index, sub), "little", signed=index == 0x606C)
-                for index, sub in ((0x6041, 0), (0x606C, 0), (0x603F, 0))
+                read(bus, index, signed=index == 0x606C) for index in (0x6041, 0x606C, 0x603F)
             ]
-            seen["findings"] = [int.from_bytes(sdo.read(0x2101, n), "little") for n in (7, 8, 10)]
-            seen["silent"] = ended(True)
+            seen["findings"] = [read(bus, 0x2101, sub) for sub in (7, 8, 10)]
+        seen["silent"] = ended(True)
         print(json.dumps(seen))
     finally:
         drive.send_signal(signal.SIGCONT)

@@ -186,6 +186,9 @@ def test_every_kind_of_event_has_words() -> None:
         (EventKind.REACHED, -1, 0, 0.0, "goal 5 is reached"),
         (EventKind.SYNC, 1, 0, 0.0, "axis 1 (elbow): nothing came from its drive"),
         (EventKind.SYNC, 1, 0x8130, 0.0, "axis 1 (elbow): link lost, 8130h"),
+        (EventKind.SWITCH, 1, 1, 0.0, "axis 1 (elbow): limit switch closed, negative"),
+        (EventKind.SWITCH, 1, 3, 1.0, "limit switch closed, negative and positive"),
+        (EventKind.SWITCH, 1, 0, 1.0, "axis 1 (elbow): limit switches are open"),
         (EventKind.STOP, -1, StopKind.HALT, 77.0, "halt of all axes by process 77"),
         (EventKind.STOP, 1, StopKind.QUICK_STOP, 0.0, "quick stop of axis 1 (elbow) by a process"),
     ]

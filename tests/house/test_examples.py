@@ -39,3 +39,15 @@ def test_the_lines_of_the_readme_work(tmp_path: Path) -> None:
         assert run.returncode == 0, run.stderr
         promised = re.findall(r"# prints: (.*)", block)
         assert run.stdout.split("\n")[:-1] == promised
+
+
+def test_the_lines_of_the_page_on_own_loops_work(tmp_path: Path) -> None:
+    """Every Python block of it, as a script of its own."""
+    page = (ROOT / "docs" / "explanation" / "own_loop.md").read_text()
+    for i, block in enumerate(re.findall(r"```python\n(.*?)```", page, re.DOTALL)):
+        script = tmp_path / f"page_{i}.py"
+        script.write_text(block)
+        run = subprocess.run(
+            [sys.executable, str(script)], capture_output=True, text=True, timeout=120, cwd=tmp_path
+        )
+        assert run.returncode == 0, run.stderr

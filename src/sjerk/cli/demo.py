@@ -8,6 +8,8 @@ that trusts the stream. Recorded is what was commanded and what the encoder said
 
 from __future__ import annotations
 
+import argparse
+import subprocess
 import sys
 import time
 from collections.abc import Generator, Iterator, Sequence
@@ -21,12 +23,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sjerk._binding import lib
-from sjerk.cli import feed_forward
-from sjerk.errors import ExtraMissingError, InputError
+from sjerk.cli import cable, feed_forward
+from sjerk.errors import ExtraMissingError, InputError, SjerkError
 from sjerk.executor import StreamPlayer
 from sjerk.extras import load
 from sjerk.host import Distribution, Host, Timing
 from sjerk.kernel import Axis, MotionKernel
+from sjerk.ports.ethercat.inside import port_of
 from sjerk.profile import FloatArray, Limits
 from sjerk.recording import Recorder, Recording
 from sjerk.trajectory import RecordedPath, read_recording, shipped_recording
@@ -105,6 +108,8 @@ def play(host: Host, label: str, goals: Iterator[float], end: float) -> Run:
         while still_since is None or time.monotonic() - still_since < AFTER_S:
             goal = next(goals)
             axis = host.feedback().axes[0]
+            if axis.fault:
+                raise SjerkError(f"the drive has stopped with an error, {axis.error_code:04X}h")
             if goal != end or axis.position != end or axis.moving:
                 still_since = None
             elif still_since is None:
@@ -185,21 +190,57 @@ def add_arguments(jobs: Any) -> None:
     job.add_argument("--out", type=Path, default=Path("demo.png"), help="the picture (%(default)s)")
     job.add_argument("--joint", help="joint of a bag (default: its first)")
     job.add_argument("--cycle-us", type=float, default=1000.0, help="control cycle (%(default)s)")
-    job.set_defaults(run=lambda o: run(o.path, o.out, o.cycle_us / 1e6, o.joint))
+    job.add_argument(
+        "--ethercat",
+        action="store_true",
+        help="the drive on EtherCAT, on virtual cables in a network namespace of its own",
+    )
+    job.add_argument("--on-cable", action="store_true", help=argparse.SUPPRESS)  # it is there
+    job.set_defaults(run=_run)
 
 
-def run(path: Path, out: Path, cycle_time: float, joint: str | None) -> int:
-    """Do the experiment; prints the table, writes the picture. Returns the exit code."""
+def _run(options: argparse.Namespace) -> int:
+    if options.ethercat:
+        given = [str(options.path), "--out", str(options.out), "--cycle-us", str(options.cycle_us)]
+        given += ["--joint", options.joint] if options.joint else []
+        here = [sys.executable, "-m", "sjerk", "demo", "--on-cable", *given]
+        return subprocess.call(cable.inside(here))
+    cycle_time = options.cycle_us / 1e6
+    if not options.on_cable:
+        return run(options.path, options.out, cycle_time, options.joint)
+    with cable.drives(1):
+        return run(options.path, options.out, cycle_time, options.joint, interface=cable.MAIN)
+
+
+def _kernel(cycle_time: float, interface: str | None) -> MotionKernel:
+    """One axis: with its simulated drive inside, or with one on EtherCAT."""
+    if interface is None:
+        return MotionKernel([Axis(LIMITS, COUNTS_PER_DEGREE, unit="deg")], cycle_time)
+    axis = Axis(LIMITS, COUNTS_PER_DEGREE, "external", unit="deg")
+    kernel = MotionKernel([axis], cycle_time)
+    # this machine is hardly a real-time one: SYNC0 may be missed for as long as the watchdog waits
+    patient = {"position": 0, "startup": [["10F1:2", "u16", 0xFFFF]]}
+    bus = {"interface": interface, "lost": max(4, round(0.1 / cycle_time))}
+    kernel.port = port_of("demo", bus, {0: patient})
+    return kernel
+
+
+def run(
+    path: Path, out: Path, cycle_time: float, joint: str | None, *, interface: str | None = None
+) -> int:
+    """Do the experiment; prints the table, writes the picture. Returns the exit code.
+
+    ``interface``: the drive is on EtherCAT there, not in the kernel.
+    """
     _check_picture(out)
     recording = read_recording(path, joint=joint)
     start, end = float(recording.position[0]), float(recording.position[-1])
-    axis = Axis(LIMITS, counts_per_unit=COUNTS_PER_DEGREE, unit="deg")
     print(
         f"{path.name}: joint {recording.joint}, {len(recording.time)} points over "
         f"{recording.time[-1]:.2f} s, ends at {end:.3f} deg"
     )
     runs = []
-    with MotionKernel(axes=[axis], cycle_time=cycle_time) as kernel, kernel.host() as host:
+    with _kernel(cycle_time, interface) as kernel, kernel.host() as host:
         try:
             host.enable()
             for label, begin in (
@@ -220,8 +261,9 @@ def run(path: Path, out: Path, cycle_time: float, joint: str | None) -> int:
             print(f"stopped at {at.position:.6f} deg, velocity {at.velocity:g} deg/s")
             return 130
     print(table(recording, runs, timing, cycle_time))
-    print()
-    print(feed_forward.table(axis, start, end, cycle_time))
+    if interface is None:  # what it compares are drives inside
+        print()
+        print(feed_forward.table(kernel.axes[0], start, end, cycle_time))
     return draw(out, recording, runs, cycle_time)
 
 

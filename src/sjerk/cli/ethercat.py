@@ -11,7 +11,8 @@ import argparse
 from typing import Any
 
 from sjerk.cli.common import show
-from sjerk.drive.objects import SdoError, Type, entry
+from sjerk.drive.entries import SdoError, Type
+from sjerk.drive.objects import entry
 from sjerk.errors import InputError
 from sjerk.ports.ethercat.requests import Requests
 from sjerk.ports.ethercat.settings import TYPES, object_of, pack_value

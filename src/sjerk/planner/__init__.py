@@ -3,11 +3,14 @@
 from sjerk.planner.arguments import Synchronization, check_target, code_of, cycles_of
 from sjerk.planner.batch import Plans, plan_many
 from sjerk.planner.planning import Motion, plan, plan_velocity
+from sjerk.planner.updating import Step, Updater
 
 __all__ = [
     "Motion",
     "Plans",
+    "Step",
     "Synchronization",
+    "Updater",
     "check_target",
     "code_of",
     "cycles_of",

@@ -22,7 +22,7 @@ static sj_request request_between(double T, const sj_state *from, const sj_state
 /* Rest to rest on a straight line: one profile of the line from 0 to 1 under the limits that the
  * tightest axis leaves, scaled to each axis. 1 if it could be done. */
 static int32_t in_phase(int32_t n, const sj_request *request, const sj_limits *limits,
-                        int64_t least_cycles, sj_plan *plans, int32_t *status)
+                        int64_t least_cycles, int32_t exact, sj_plan *plans, int32_t *status)
 {
     sj_limits line = {INFINITY, INFINITY, INFINITY, INFINITY, INFINITY};
     sj_plan plan;
@@ -34,7 +34,7 @@ static int32_t in_phase(int32_t n, const sj_request *request, const sj_limits *l
     }
     if (isinf(line.velocity))
         return 0; /* nothing moves */
-    *status = sj_plan_move(1.0, 0.0, 0.0, 0.0, &line, &plan);
+    *status = (exact ? sj_plan_exact_cruise : sj_plan_move)(1.0, 0.0, 0.0, 0.0, &line, &plan);
     if (*status == SJ_PLAN_OK && plan.cycles < least_cycles)
         *status = sj_plan_duration(1.0, 0.0, 0.0, 0.0, &line, least_cycles, &plan);
     for (int32_t i = 0; i < n && *status == SJ_PLAN_OK; i++) {
@@ -46,11 +46,12 @@ static int32_t in_phase(int32_t n, const sj_request *request, const sj_limits *l
 }
 
 static int32_t plan_each(int32_t n, const sj_request *request, const sj_limits *limits,
-                         int64_t least_cycles, sj_plan *plans)
+                         int64_t least_cycles, int32_t exact, sj_plan *plans)
 {
     for (int32_t i = 0; i < n; i++) {
         const sj_request *r = &request[i];
-        int32_t status = sj_plan_move(r->distance, r->v0, r->a0, r->v1, &limits[i], &plans[i]);
+        int32_t status = (exact ? sj_plan_exact_cruise : sj_plan_move)(
+            r->distance, r->v0, r->a0, r->v1, &limits[i], &plans[i]);
         if (status == SJ_PLAN_OK && plans[i].cycles < least_cycles) {
             status = sj_plan_duration(r->distance, r->v0, r->a0, r->v1, &limits[i], least_cycles,
                                       &plans[i]);
@@ -67,14 +68,17 @@ static int32_t plan_each(int32_t n, const sj_request *request, const sj_limits *
 int32_t sj_plan_axes(int32_t n, const sj_request *request, const sj_limits *limits,
                      int64_t least_cycles, int32_t *synchronization, sj_plan *plans)
 {
-    int32_t status;
+    int32_t status, exact = *synchronization & SJ_SYNC_EXACT;
+    *synchronization &= ~SJ_SYNC_EXACT;
     if (*synchronization == SJ_SYNC_PHASE) {
-        if (in_phase(n, request, limits, least_cycles, plans, &status))
+        if (in_phase(n, request, limits, least_cycles, exact, plans, &status))
             return status;
         *synchronization = SJ_SYNC_TIME;
     }
     if (*synchronization == SJ_SYNC_NONE || n == 1)
-        return plan_each(n, request, limits, least_cycles, plans);
+        return plan_each(n, request, limits, least_cycles, exact, plans);
+    if (exact)
+        return SJ_PLAN_NO_CRUISE;
     return sj_plan_together(n, request, limits, least_cycles, plans);
 }
 

@@ -172,6 +172,7 @@ int sj_convex_of(const task *t, double n, const path *x, const path *y, sj_plan 
 int sj_convex_from(const task *t, double *n, double longest, summit *m, sj_plan *p);
 
 /* _settling.c */
+int sj_add_ramp(const task *t, double from, double v, path *x);
 int sj_recover(task *t, sj_plan *p);
 int sj_settle(task *t, sj_plan *p);
 int sj_move_from_above(const task *start, double cycles, sj_plan *p);

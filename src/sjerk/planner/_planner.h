@@ -11,7 +11,8 @@ enum sj_plan_status {
     SJ_PLAN_OK = 0,
     SJ_PLAN_INVALID = 1,  /* a number that is none, a limit <= 0, |v1| > velocity */
     SJ_PLAN_TOO_LONG = 2, /* more than SJ_CYCLES_MAX cycles */
-    SJ_PLAN_BLOCKED = 3   /* none of exactly this duration; the plan is the next longer */
+    SJ_PLAN_BLOCKED = 3,  /* none of exactly this duration; the plan is the next longer */
+    SJ_PLAN_NO_CRUISE = 4 /* the velocity limit is not reached for a cycle */
 };
 
 /* how it was found */
@@ -28,6 +29,9 @@ enum sj_plan_kind {
 /* From the continuous state (0, v0, a0) to (h, v1, 0), as soon as possible. */
 int32_t sj_plan_move(double h, double v0, double a0, double v1, const sj_limits *limits,
                      sj_plan *plan);
+/* As sj_plan_move, but with a cruise at the velocity limit exactly. */
+int32_t sj_plan_exact_cruise(double h, double v0, double a0, double v1, const sj_limits *limits,
+                             sj_plan *plan);
 /* From (v0, a0) to (v1, 0), as soon as possible, wherever that is. */
 int32_t sj_plan_velocity(double v0, double a0, double v1, const sj_limits *limits, sj_plan *plan);
 /* Whether whole cycles can keep the velocity limit from (v, a), its acceleration "up". */
@@ -46,9 +50,11 @@ int32_t sj_plan_together(int32_t n, const sj_request *requests, const sj_limits 
 
 /* Requests between samples, for several axes and for many (_axes.c). */
 enum sj_synchronization {
-    SJ_SYNC_NONE = 0, /* each axis as soon as it can */
-    SJ_SYNC_TIME = 1, /* all axes arrive in the same cycle */
-    SJ_SYNC_PHASE = 2 /* the same phases: rest to rest on a straight line */
+    SJ_SYNC_NONE = 0,  /* each axis as soon as it can */
+    SJ_SYNC_TIME = 1,  /* all axes arrive in the same cycle */
+    SJ_SYNC_PHASE = 2, /* the same phases: rest to rest on a straight line */
+    SJ_SYNC_EXACT =
+        4 /* added: cruise at the velocity limit exactly; not of axes together in time */
 };
 
 /* States and limits as memory of sj_state and sj_limits, since Python passes joined bytes: n starts and

@@ -23,7 +23,7 @@ enum { SETTLING_STEPS = 20 };
 /* ---- two bites ---- */
 
 /* Adds the ramp to v to a path that ends at velocity from, without acceleration unless it is empty. */
-static int add_ramp(const task *t, double from, double v, path *x)
+int sj_add_ramp(const task *t, double from, double v, path *x)
 {
     path r;
     double k = x->count > 0 ? x->k[x->count - 1] : 0, a = x->count > 0 ? 0 : t->a0;
@@ -43,10 +43,10 @@ static int two_bites(const task *t, double v, double cruise, path *x)
     x->count = 0;
     if (t->ju != t->jd && t->v0 - v < n * (left + n * t->jd / 2) + left / 2)
         return 0;
-    if (!add_ramp(t, t->v0, v, x))
+    if (!sj_add_ramp(t, t->v0, v, x))
         return 0;
     sj_node(x, x->k[x->count - 1] + cruise, 0);
-    return add_ramp(t, v, t->v1, x);
+    return sj_add_ramp(t, v, t->v1, x);
 }
 
 static double path_cycles(const path *x) { return x->k[x->count - 1]; }
@@ -134,7 +134,7 @@ static int leaves_way(const task *t, double v, task *u, sj_plan *p)
     x.count = 0;
     if (!sj_go_to_velocity(u, v, p))
         return 0;
-    return add_ramp(u, v, t->v1, &x) && u->h >= sj_path_distance(&x, v);
+    return sj_add_ramp(u, v, t->v1, &x) && u->h >= sj_path_distance(&x, v);
 }
 
 /* Brakes as fast as jerk allows up to the first cycle inside. */

@@ -18,6 +18,8 @@ from sjerk.profile import CYCLES_MAX, FloatArray, Limits, State
 
 #: How the axes of a motion share it; see ``plan``.
 Synchronization = Literal["time", "phase", "none"]
+#: How a motion cruises; see ``plan``.
+Cruise = Literal["fast", "exact"]
 #: The ``enum sj_synchronization`` of each name.
 CODES: dict[str, int] = {
     "none": lib.SJ_SYNC_NONE,
@@ -80,6 +82,19 @@ def code_of(synchronization: str) -> int:
     if not isinstance(synchronization, str) or synchronization not in CODES:
         raise InputError("synchronization", synchronization, f"must be one of {', '.join(CODES)}")
     return int(CODES[synchronization])
+
+
+def exact_of(cruise: str, least: int) -> int:
+    """What an exact cruise adds to the ``enum sj_synchronization``; raises ``InputError``.
+
+    >>> exact_of("fast", 100)
+    0
+    """
+    if not isinstance(cruise, str) or cruise not in ("fast", "exact"):
+        raise InputError("cruise", cruise, "must be 'fast' or 'exact'")
+    if cruise == "exact" and least:
+        raise InputError("min_duration", least, "must be 0 cycles for an exact cruise")
+    return int(lib.SJ_SYNC_EXACT) if cruise == "exact" else 0
 
 
 def cycles_of(min_duration: float, cycle_time: float) -> int:
@@ -183,4 +198,7 @@ def fail(status: int, field: str, value: Any, limits: Any) -> NoReturn:
         if isinstance(value, State):
             check_target(field, value, limits)
         raise InputError(field, value, f"cannot be planned under {limits}")
+    if status == lib.SJ_PLAN_NO_CRUISE:
+        why = f"{limits} leaves no cycle of it to {field} {value}, alone or in phase"
+        raise InputError("cruise", "exact", why)
     raise PlanError(f"no common length was found for {value!r} under {limits}")

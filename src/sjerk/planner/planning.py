@@ -19,11 +19,13 @@ from sjerk.errors import InputError, positive, real
 from sjerk.planner.arguments import (
     CODES,
     NAMES,
+    Cruise,
     Synchronization,
     check_target,
     check_targets,
     code_of,
     cycles_of,
+    exact_of,
     fail,
     is_sequence,
     states_of,
@@ -190,6 +192,7 @@ def plan(
     *,
     synchronization: Synchronization = ...,
     min_duration: float = ...,
+    cruise: Cruise = ...,
 ) -> Profile: ...
 @overload
 def plan(
@@ -200,6 +203,7 @@ def plan(
     *,
     synchronization: Synchronization = ...,
     min_duration: float = ...,
+    cruise: Cruise = ...,
 ) -> Motion: ...
 def plan(
     start: State | float | Sequence[State | float],
@@ -209,6 +213,7 @@ def plan(
     *,
     synchronization: Synchronization = "time",
     min_duration: float = 0.0,
+    cruise: Cruise = "fast",
 ) -> Profile | Motion:
     """Plan the fastest motion in whole cycles from any state to any target.
 
@@ -219,6 +224,12 @@ def plan(
     allows. ``synchronization``: with ``"time"`` all axes arrive in the same cycle, with ``"phase"``
     on a straight line (from rest to rest; else as ``"time"``), with ``"none"`` each for itself.
     The motion takes ``min_duration`` seconds or more.
+
+    ``cruise``: a ``"fast"`` motion cruises a little below ``limits.velocity``, by less than what a
+    cycle at it takes, so that whole cycles cover the distance. With ``"exact"`` it cruises at
+    ``limits.velocity`` to rounding (in phase: the axis that limits the line), and what is left is
+    taken up by the braking behind it. ``InputError`` where it is not reached for a cycle, and for
+    axes that share the motion in time only.
 
     The direction of the move, for ``deceleration`` limits, is that of the distance that the plan
     covers: from start to target, less the half cycle of both velocities (T/2 times their sum).
@@ -236,16 +247,18 @@ def plan(
         and target.__class__ is State
         and limits.__class__ is Limits
         and synchronization == "time"
+        and cruise == "fast"
         and min_duration.__class__ is float
         and not min_duration
     ):
         return _one(start, target, limits, cycle_time)
-    fast = min_duration.__class__ is float and not min_duration
+    fast = min_duration.__class__ is float and not min_duration and cruise == "fast"
     if fast and start.__class__ is list and target.__class__ is list:
         motion = _many_axes(start, target, limits, cycle_time, synchronization)
         if motion is not None:
             return motion
     code, least = code_of(synchronization), cycles_of(min_duration, cycle_time)
+    code += exact_of(cruise, least)
     one = not is_sequence(start) and not is_sequence(target)
     starts = states_of("start", [start] if one else start)
     targets = states_of("target", [target] if one else target)

@@ -6,8 +6,8 @@ Unknown are the control points, the moments of the way-points if they may move, 
     |hull| <= V pace,  |acceleration| <= A pace^2,  |jerk| <= J pace^3
 
 with the powers replaced by their tangents at the present pace; these lie below them, so what is
-found keeps the limits. The only other thing linearised is how a way-point's place moves with its moment.
-Never here: what to do with an answer.
+found keeps the limits. The only other thing linearised is how a way-point's place moves with its
+moment. Never here: what to do with an answer.
 """
 
 from __future__ import annotations
@@ -44,8 +44,9 @@ class Task:
 
     ``limits`` (J, 3); ``unit`` (J,): tolerances; ``points`` (n, J); ``start`` (3, J): position,
     velocity, acceleration at the first knot; ``end`` (J,): rest at the last, or None: rest
-    anywhere; ``box`` (J, 2): positions allowed, or None; ``least`` (n + 1,): cycles asked from way-point to
-    way-point, from the start to the end, or None: order only; ``speed`` (n, J): velocities wished;
+    anywhere; ``box`` (J, 2): positions allowed, or None; ``least`` (n + 1,): cycles asked from
+    way-point to way-point, from the start to the end, or None: order only; ``speed`` (n, J):
+    velocities wished;
     ``held`` (n,): 1 for way-points whose moments stay, on a knot; else 0.
     """
 

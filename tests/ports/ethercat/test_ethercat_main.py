@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import random
 import struct
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -12,6 +13,7 @@ from hypothesis import strategies as st
 
 from helpers.ethercat_joined import AXIS, COUNTS, Joined
 from sjerk import Axis, InputError, Limits, MotionKernel
+from sjerk._binding import ffi, lib
 from sjerk.ports.ethercat import BusError, DriveSettings, Line, MainDevice
 
 INT32 = st.one_of(
@@ -85,7 +87,7 @@ def test_two_runs_are_equal_to_the_bit(tmp_path: Path) -> None:
     assert run() == run()
 
 
-@pytest.mark.parametrize("drives", [1, 41, 64])
+@pytest.mark.parametrize("drives", [1, 41])
 def test_process_data_find_room_in_several_frames(drives: int) -> None:
     """So many drives that one frame does not hold them still move, all in one cycle."""
     with Joined(drives, drift_ppm=10) as joined:
@@ -222,3 +224,47 @@ def test_the_end_disables_each_drive_first() -> None:
     for device in joined.line.status()["devices"]:
         assert device["statusword"] & 0x6F not in (0x27, 0x0F, 0x08)
     assert joined.findings() == [{}, {}, {}]
+
+
+@pytest.fixture(scope="module")
+def fuzzed() -> Iterator[Joined]:
+    """Three drives in Operational."""
+    with Joined(3) as joined:
+        yield joined
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.data())
+def test_no_answer_from_the_wire_does_harm(fuzzed: Joined, data: st.DataObject) -> None:
+    """Random, spoilt and forged answers: only the answer to what was sent changes the image.
+
+    Whoever knows the bytes of the frame on its way can still forge one: a wire has no
+    authentication.
+    """
+    bus, kernel = fuzzed.c, fuzzed.kernel
+    lib.sj_bus_settle(bus)
+    lib.sj_bus_compose(bus, 0, 0)
+    sent = bytes(ffi.buffer(bus.flight[0].bytes, bus.flight[0].length))
+    image = kernel.image.inputs.tobytes()
+    frame = bytearray(sent)
+    frame[6] |= 2
+    kind = data.draw(st.sampled_from(["random", "head", "short", "long"]))
+    if kind == "random":
+        frame[:] = data.draw(st.binary(max_size=1600))
+    elif kind == "head":  # of any datagram: command, index, register, length
+        at, heads = 16, []
+        while at < len(sent) - 12:
+            heads += [at, at + 1, at + 4, at + 5, at + 6]
+            at += 12 + (struct.unpack_from("<H", sent, at + 6)[0] & 0x7FF)
+        frame[data.draw(st.sampled_from(heads))] ^= data.draw(st.integers(1, 255))
+    elif kind == "short":
+        del frame[data.draw(st.integers(0, len(sent) - 1)) :]
+    stray = bus.told.stray
+    if kind == "long":
+        frame += data.draw(st.binary(max_size=86))
+        assert lib.sj_bus_accept(bus, bytes(frame), len(frame)) == 1
+        assert lib.sj_bus_accept(bus, bytes(frame), len(frame)) == 0  # twice is a stray one
+    elif bytes(frame) != sent:
+        assert lib.sj_bus_accept(bus, bytes(frame), len(frame)) == 0
+    assert bus.told.stray > stray
+    assert kernel.image.inputs.tobytes() == image  # no working counter was right

@@ -180,12 +180,13 @@ static int64_t take(void *self)
 {
     sj_wire_bus *wire = self;
     uint8_t frame[ROOM];
+    int32_t answers = 0;
     /* bounded: the answers of a cycle, and no more than a flood leaves time for */
-    for (int i = 0; i < 8 * SJ_BUS_FRAMES; i++) {
+    for (int i = 0; i < 8 * SJ_BUS_FRAMES && answers < wire->bus->frames; i++) {
         const ssize_t length = recv(wire->socket, frame, sizeof frame, MSG_DONTWAIT);
         if (length < 0)
             break;
-        sj_bus_accept(wire->bus, frame, (int32_t)length);
+        answers += sj_bus_accept(wire->bus, frame, (int32_t)length);
     }
     return sj_bus_settle(wire->bus);
 }

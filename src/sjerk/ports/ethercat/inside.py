@@ -45,14 +45,15 @@ class Connection:
         interface, settings, drives = from_tables(table["path"], table["bus"], axes)
         self._transport = InterfaceTransport(interface, alone=True)
         try:
-            self._bus = Bus(core, cycle_ns, self._transport, drives, settings)
-            finish(self._bus.prepare(), _moment)
+            self.bus = Bus(core, cycle_ns, self._transport, drives, settings)
+            """What is on the cable."""
+            finish(self.bus.prepare(), _moment)
             self._socket = cyclic_socket(interface)
         except BaseException:
             self._transport.close()
             raise
         self._wire = ffi.new("sj_wire_bus *")
-        self._wire.bus, self._wire.socket = self._bus.c, self._socket.fileno()
+        self._wire.bus, self._wire.socket = self.bus.c, self._socket.fileno()
         self.exchange = ffi.new("sj_exchange *")
         """What the clock calls."""
         lib.sj_wire_exchange(self._wire, self.exchange)
@@ -61,19 +62,19 @@ class Connection:
 
     def start(self) -> None:
         """While the cycle runs: Operational."""
-        finish(self._bus.operate(), _moment)
+        finish(self.bus.operate(), _moment)
         self._thread.start()
 
     def release(self) -> None:
         """While the cycle runs, all at rest and disabled: Safe-operational."""
         self._end_watch()
-        finish(self._bus.release(), _moment)
+        finish(self.bus.release(), _moment)
 
     def close(self) -> None:
         """After the cycle: Init."""
         self._end_watch()
         try:
-            finish(self._bus.leave(), _moment)
+            finish(self.bus.leave(), _moment)
         finally:
             self._socket.close()
             self._transport.close()
@@ -84,7 +85,7 @@ class Connection:
             self._thread.join()
 
     def _watch(self) -> None:
-        steps = Steward(self._bus, _tell).watch()
+        steps = Steward(self.bus, _tell).watch()
         while not self._ended.is_set():
             next(steps)
             time.sleep(_MOMENT_S)

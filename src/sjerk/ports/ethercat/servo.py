@@ -95,7 +95,7 @@ def targets_in(rows: Iterable[ObjectEntry]) -> int:
     2
     """
     offsets = {word_of(row, receive=True) for row in rows}
-    return sum(1 << bit for bit, name in enumerate(POSITIONS) if _RX_OFFSETS[name] in offsets)
+    return sum(1 << bit for bit, name in enumerate(POSITIONS) if RX_OFFSETS[name] in offsets)
 
 
 def word_of(row: ObjectEntry, *, receive: bool) -> int | None:

@@ -10,7 +10,8 @@ from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass, fields
 from typing import Any
 
-from sjerk.drive.objects import SdoError, Type, entry
+from sjerk.drive.entries import SdoError, Type
+from sjerk.drive.objects import entry
 from sjerk.errors import ConfigError, InputError, SjerkError, real
 
 TYPES = {

@@ -1,0 +1,79 @@
+"""Seven drives on a cable, one LRW each: the cycle's work and the phase, beside other ways.
+
+Work is processor time of the thread: take, kernel, send; in Python with pysoem, its waiting not
+counted. Phase: of the cycle against the drives' clock. Skips where no network namespace can be had.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from conftest import Report
+from sjerk.cli.cable import inside
+from sjerk.errors import SjerkError
+
+PROGRAM = Path(__file__).with_name("ethercat_cycle.py")
+DRIVES, SECONDS = 7, 4
+
+
+def first() -> list[str]:
+    """With a real-time priority, where that is allowed."""
+    wanted = ["chrt", "-f", "20"]
+    found = shutil.which(wanted[0]) is not None
+    return wanted if found and subprocess.run([*wanted, "true"]).returncode == 0 else []
+
+
+INSIDE = """
+import subprocess, sys
+from sjerk.cli.cable import drives
+for way in ("ours", "arrivals", "pysoem"):
+    with drives({drives}):
+        command = [sys.executable, {program!r}, way, "{drives}", "{cycle}", "{seconds}"]
+        done = subprocess.run(command, stdout=subprocess.PIPE, text=True)
+    print(done.stdout.strip() or "null", flush=True)
+"""
+
+
+@pytest.mark.parametrize("cycle", [1000, 250])
+def test_the_cycle_of_seven_drives(report: Report, cycle: int) -> None:
+    """Work and phase of the three ways, one after the other."""
+    words = {"drives": DRIVES, "program": str(PROGRAM), "cycle": cycle, "seconds": SECONDS}
+    try:
+        command = inside([sys.executable, "-c", INSIDE.format(**words)])
+    except SjerkError as error:
+        pytest.skip(str(error))
+    done = subprocess.run([*first(), *command], stdout=subprocess.PIPE, text=True)
+    ways = dict(zip(("ours", "arrivals", "pysoem"), map(json.loads, done.stdout.split("\n")[:3]),
+                    strict=True))  # fmt: skip
+    table = f"{DRIVES} EtherCAT drives at {cycle} us: us, median / p99 / worst"
+    for way, result in ways.items():
+        if result is None:
+            report.line(table, f"{way:10} did not run: a stall of the machine")
+            continue
+        cells = [f"{way:10}"]
+        for name in ("work", "phase", "wake"):
+            if name in result:
+                row = result[name]
+                numbers = " / ".join(f"{row[k]:.1f}" for k in ("median", "p99", "worst"))
+                cells.append(f"{name} {numbers}")
+        cells.append(f"of {result['cycles']} cycles, wrong counters {result['wrong']}")
+        if "late" in result:
+            cells.append(f"late {result['late']}, answers late {result['answers late']}")
+        report.line(table, "  ".join(cells))
+    ours, arrivals, python = ways["ours"], ways["arrivals"], ways["pysoem"]
+    if ours and python:
+        for which in ("median", "p99"):
+            ratio = ours["work"][which] / python["work"][which]
+            report.line(table, f"work, {which}: ours / pysoem = {ratio:.3f}  (<= 0.2)")
+    if ours and arrivals:
+        for which in ("median", "p99"):
+            ratio = ours["phase"][which] / arrivals["phase"][which]
+            report.line(table, f"phase, {which}: ours / arrivals = {ratio:.3f}  (p99 <= 0.1)")
+    if ours:
+        assert ours["wrong"] == 0
