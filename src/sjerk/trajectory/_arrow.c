@@ -23,10 +23,10 @@ enum { W = SJ_ARROW_WIDTH, B = SJ_ARROW_BORDER };
 /* Share of the way to the nearest bound that a step takes, and what every unknown is held by. */
 static const double BOUNDARY = 0.995, HOLD = 1e-11;
 
-/* A row missed by less is met: rounding of rows whose coefficients are 10^5. A step shorter than this is
+/* A row missed by less is met, besides the rounding of its coefficients, which may be 10^8. A step shorter than this is
  * followed by one to the middle. A product s z stays above this share of their mean: slacks smaller than
  * the rounding of their rows would hold up all steps. */
-static const double MISSED = 4e-10, SHORT = 0.1, BEHIND = 1e-3;
+static const double MISSED = 4e-10, EPSILON = 1e-15, SHORT = 0.1, BEHIND = 1e-3;
 
 /* Exact way-points make rows 10^16 times as stiff as others: what is left of a diagonal below this share of
  * it is rounding, and is replaced by another, so that the step stays along the others. */
@@ -75,6 +75,12 @@ static double product(const sj_arrow *p, int64_t r, const double *x)
     const double *value = p->value + r * W;
     return value[0] * x[at[0]] + value[1] * x[at[1]] + value[2] * x[at[2]] + value[3] * x[at[3]] +
            value[4] * x[at[4]];
+}
+
+static double size(const sj_arrow *p, int64_t r)
+{
+    const double *value = p->value + r * W;
+    return fabs(value[0]) + fabs(value[1]) + fabs(value[2]) + fabs(value[3]) + fabs(value[4]);
 }
 
 static void gather(const sj_arrow *p, int64_t r, double share, double *out)
@@ -195,7 +201,7 @@ static double begin(work *w)
             int there = most * SIGN[k] > -INFINITY;
             memset(o, 0, sizeof *o);
             o->s = there ? fmax(SIGN[k] * (y + b[0] * tail[0] + b[1] * tail[1] - most), 1.0) : 1.0;
-            o->z = there ? p->begin : 0.0;
+            o->z = there ? p->begin / o->s : 0.0;
             count += there;
         }
     }
@@ -234,7 +240,7 @@ static double look(work *w, double step, double *wrong)
             o->over = 1.0 / o->s;
             o->r = SIGN[k] * (y + b[0] * x[0] + b[1] * x[1] - limit(p, r, k)) - o->s;
             if (!(fabs(o->r) <= *wrong))
-                *wrong = fabs(o->r);
+                *wrong = fmax(*wrong, fabs(o->r) - EPSILON * (size(p, r) + fabs(limit(p, r, k))));
             sum += o->s * o->z;
             z = SIGN[k] * o->z;
             q = -z * (1.0 + o->r * o->over);
