@@ -57,7 +57,7 @@ def nearest(task: Task, knots: Knots, answer: Answer) -> FloatArray:
 
 def slowest(task: Task, knots: Knots, moments: FloatArray) -> float:
     """The pace at which every way-point is reached no sooner than asked."""
-    if task.least is None:
+    if task.least is None or not len(task.least):
         return 0.0
     gaps = np.diff(np.concatenate([[0.0], moments, [knots.duration]]))
     least = task.least.copy()

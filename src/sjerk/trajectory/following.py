@@ -49,7 +49,7 @@ _FEWEST = 8
 _LADDER = ((2.0, 1), (4.0, 1), (4.0, 2), (8.0, 2), (4.0, 4), (4.0, 10))
 #: Way-points that are looked at together, to begin with.
 _SOME = 64
-#: A window is so many times as long as it was estimated to be, at most.
+#: A window that was too short is so many times as long, at most.
 _MOST = 16.0
 #: A pace that is no start: way-points that these knots cannot tell apart.
 _LOST = 1e3
@@ -241,10 +241,12 @@ def _windows(
             return
         plan = planner.plan(window, source.done)
         cut = plan.knots.duration - (lookahead + 1.5) * stop
-        if not source.done and cut < keep / 3.0 and more < _MOST:
-            more *= min(1.2 * (keep + lookahead * stop) / (cut + lookahead * stop), _MOST)
+        if not source.done and (cut < keep / 3.0 or plan.moments[-1] <= cut + 1.0):
+            # more of them are to be known, the last of them behind what is handed out
+            had = max(cut, 0.0) + lookahead * stop
+            more *= min(max(1.2 * (keep + lookahead * stop) / had, 1.2), _MOST)
             continue
-        yield window.hand_out(plan, np.inf if source.done else max(cut, 0.2 * plan.knots.duration))
+        yield window.hand_out(plan, np.inf if source.done else cut)
 
 
 class Timed:
