@@ -4,26 +4,10 @@ from __future__ import annotations
 
 import pytest
 
+from helpers.homing import ATTAINED, ERROR, REACHED, home
 from sjerk.cia402 import Drive, DriveConfig, DriveFeedback, DriveState, Mode, StatusWord
 
 REV = 16777216
-ATTAINED, REACHED, ERROR = (
-    StatusWord.FOLLOWS,
-    StatusWord.TARGET_REACHED,
-    StatusWord.FOLLOWING_ERROR,
-)
-
-
-def home(drive: Drive, seconds: float = 20.0) -> list[DriveFeedback]:
-    """Start homing and run until bits 10 and 12, or 13 and 10; all feedback."""
-    drive.enable(mode=Mode.HOMING)
-    seen = []
-    for _ in range(round(seconds / drive.config.period_s)):
-        seen.append(drive.cycle(0x1F, mode=Mode.HOMING))
-        word = seen[-1].statusword
-        if word & REACHED and word & (ATTAINED | ERROR):
-            return seen
-    raise AssertionError(f"homing does not end: {seen[-1]}")
 
 
 @pytest.mark.parametrize("method", [0, 17, 18, 33, 34, 35, 37])

@@ -27,7 +27,12 @@ def add_arguments(jobs: Any) -> None:
     job.add_argument("--kernel", metavar="NAME", help="lead this running kernel instead")
     job.add_argument("--params", type=Path, metavar="F.yaml", help="parameters of the node")
     job.add_argument("--node-name", metavar="NAME", help="of the node: the controller's name")
-    job.add_argument("--joints", nargs="+", metavar="JOINT", help="one name per axis, in order")
+    job.add_argument(
+        "--joints",
+        nargs="+",
+        metavar="JOINT",
+        help="one name per axis, in order; default: those of the axes",
+    )
     job.add_argument(
         "--ros-args", nargs=argparse.REMAINDER, default=[], help="all further words are ROS's"
     )

@@ -301,7 +301,8 @@ typedef struct {
     int32_t direction; /* of the search, of the motor: 1, -1 */
     int32_t seen;      /* the switch has changed */
     int32_t turned;    /* a limit switch has turned the search */
-    uint32_t blocked;  /* periods in a row in which the torque did not turn the motor */
+    uint32_t blocked;  /* periods since the torque that is allowed got the motor no further */
+    int64_t furthest;  /* increments, in the direction of a hard stop */
     int32_t method;    /* 6098h when it began */
 } sj_drive_homing;
 

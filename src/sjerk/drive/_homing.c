@@ -35,12 +35,31 @@ static int32_t turning(const sj_drive *drive)
            (drive->servo.encoder < drive->homing.from);
 }
 
-/* The edge that a method looks for exists. */
+/* With what a hard stop is sought. */
+static double stop_torque(const sj_drive *drive)
+{
+    return drive->config.hard_stop_torque * 1e-3 * drive->config.rated_torque_nm;
+}
+
+/* Whether a torque tells of a stop: one increment, which is a speed of
+ * 1 / (increments_per_rad step_s) in one inner step, must not by itself be answered by half of it. */
+static int feels_stops(const sj_drive *drive)
+{
+    const sj_servo_constants *c = &drive->constants;
+    const double speed = c->filter_gain / (c->increments_per_rad * c->step_s);
+
+    return c->velocity_gain * speed <= stop_torque(drive) / 2.0;
+}
+
+/* The edge that a method looks for exists, or a stop would be felt. */
 static int has_reference(const sj_drive *drive, const sj_homing_method *method)
 {
     const sj_drive_signal *signal = &drive->scale.input[method->input];
     const int64_t place = (method->direction > 0) == method->rises ? signal->closes : signal->opens;
 
+    if (method->by == SJ_HOMING_BY_STOP) {
+        return feels_stops(drive);
+    }
     return method->by != SJ_HOMING_BY_SWITCH ||
            (signal->closes != signal->opens && place != INT64_MIN && place != INT64_MAX);
 }
@@ -66,6 +85,7 @@ static void start(sj_drive *drive, const sj_homing_method *method)
 
     *homing = (sj_drive_homing){
         .from = drive->servo.encoder,
+        .furthest = drive->servo.encoder,
         .phase = SJ_HOMING_SEARCH,
         .direction = method->begins,
         .method = drive->config.homing_method,
@@ -129,23 +149,30 @@ static void look_at_limits(sj_drive *drive, const sj_homing_method *method)
     failed(drive);
 }
 
-/* All the torque that is allowed does not turn the motor: it is at the hard stop. */
+/* All the torque that is allowed gets the motor no further: it is at the hard stop. Between two pushes
+ * the speed loop may pull back; with a coarse encoder it does so all the time. */
 static void look_at_stop(sj_drive *drive, const sj_homing_method *method)
 {
     sj_drive_homing *homing = &drive->homing;
+    const int64_t at = drive->servo.encoder;
     const int pushes =
         drive->servo.torque_limited && drive->servo.command_nm * method->begins > 0.0;
 
-    homing->blocked = pushes && turning(drive) == 0 ? homing->blocked + 1 : 0;
+    if (method->begins > 0 ? at > homing->furthest : at < homing->furthest) {
+        homing->furthest = at;
+        homing->blocked = 0;
+    } else if (homing->blocked > 0 || pushes) {
+        homing->blocked++;
+    }
     if (homing->blocked * drive->config.period_s * 1e3 < drive->config.hard_stop_time_ms) {
         return;
     }
     drive->servo.integral_nm = 0.0; /* it pushes no longer */
     sj_motion_adopt_actual(drive);
-    if (method->index) {
-        seek_pulse_here(drive, method->direction);
+    if (method->index) { /* a pulse that lies there counts */
+        seek_pulse(drive, homing->furthest + (method->direction < 0), method->direction);
     } else {
-        found(drive, drive->servo.encoder);
+        found(drive, homing->furthest);
     }
 }
 
@@ -197,7 +224,7 @@ static double wanted(const sj_drive *drive)
  * axis is, so that nothing winds up. */
 static void push(sj_drive *drive, sj_servo_command *command, double goal, double ramp)
 {
-    const double most = drive->config.hard_stop_torque * 1e-3 * drive->config.rated_torque_nm;
+    const double most = stop_torque(drive);
     const double speed = 1.0 / per_period(drive);
     const double before = drive->demand.velocity;
 

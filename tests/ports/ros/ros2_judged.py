@@ -53,11 +53,12 @@ LONGEST_S = 60.0
 def robot(folder: Path, name: str) -> Path:
     """A kernel of three axes with the same limits in rad or m, in three units."""
     rows = [f'name = "{name}"', "cycle_time = 1e-3"]
-    for unit, scale in zip(UNITS, SCALE.tolist(), strict=True):
+    for joint, unit, scale in zip(NAMES, UNITS, SCALE.tolist(), strict=True):
         limits = ", ".join(f"{key} = {value * scale!r}" for key, value in LIMITS.items())
         position = f"position = [{-3.0 * scale!r}, {3.0 * scale!r}]"
         rows += [
             "[[axes]]",
+            f'name = "{joint}"',
             f'unit = "{unit}"',
             f"counts_per_unit = {2**24 / math.tau / scale!r}",
             'drive = "ideal"',
@@ -75,7 +76,7 @@ class Program:
         self.kernel = f"ros-{secrets.token_hex(4)}"
         file = robot(folder, self.kernel)
         self.log = folder / "log"
-        words = [node, str(file), "--joints", *NAMES, *more]
+        words = [node, str(file), *more]
         with self.log.open("wb") as log:
             self.process = subprocess.Popen(
                 [sys.executable, "-m", "sjerk", "ros2", *words],
@@ -411,6 +412,28 @@ def test_deactivate_and_activate(arm: Arm) -> None:
     assert arm.result(again)[:2] == (GoalStatus.STATUS_SUCCEEDED, 0)
 
 
+def test_cleaned_up_and_configured_anew(tmp_path: Path, client: Client) -> None:
+    """Under other names of joints; what joint_trajectory_controller alone understands is told."""
+    words = ["--joints", "a", "b", "c", "--node-name", "again"]
+    words += ["--ros-args", "-p", "command_interfaces:=[position]", "-p", "constraints.b.goal:=0.5"]
+    with running(tmp_path, "controller", *words) as program:
+        arm = Arm(client, "again")
+        assert arm.result(arm.send([[0.1, 0.1, 0.0]], [0.5], ["a", "b", "c"]))[1] == 0
+        for number in (
+            Transition.TRANSITION_DEACTIVATE,
+            Transition.TRANSITION_CLEANUP,
+            Transition.TRANSITION_CONFIGURE,
+            Transition.TRANSITION_ACTIVATE,
+        ):
+            request = ChangeState.Request(transition=Transition(id=number))
+            assert client.call(ChangeState, "/again/change_state", request).success
+        client.until(arm.action.server_is_ready)
+        client.spin(0.5)
+        assert arm.result(arm.send([[0.2, 0.0, 0.0]], [0.5], ["a", "b", "c"]))[1] == 0
+        told = program.log.read_text()
+        assert "without a meaning here: command_interfaces" in told
+
+
 def test_the_motion_state_is_one_cycle(arm: Arm) -> None:
     """All joints of the same cycle, in radians and metres."""
     seen: list[Any] = []
@@ -456,7 +479,6 @@ def test_a_killed_node_leaves_the_arm_at_rest(tmp_path: Path, client: Client) ->
                 assert time.monotonic() < deadline
                 time.sleep(0.05)
         words = [sys.executable, "-m", "sjerk", "ros2", "controller", "--kernel", kernel]
-        words += ["--joints", *NAMES]
         with monitor, ExitStack() as nodes:
             for kill in (True, False):
                 called = "killed" if kill else "next"  # what was killed is known for a while
@@ -491,7 +513,7 @@ def test_a_dead_kernel_is_told(tmp_path: Path, client: Client) -> None:
     apart = subprocess.Popen([sys.executable, "-m", "sjerk", "kernel", str(file), "--json"])
     time.sleep(1.5)
     words = [sys.executable, "-m", "sjerk", "ros2", "controller", "--kernel", kernel]
-    node = subprocess.Popen([*words, "--joints", *NAMES, "--node-name", "lone"])
+    node = subprocess.Popen([*words, "--node-name", "lone"])
     try:
         arm = Arm(client, "lone")
         goal = arm.send([[1.0, 0.0, 0.0]], [8.0])

@@ -13,7 +13,6 @@ import struct
 import threading
 import time
 from pathlib import Path
-from types import TracebackType
 
 _SECTION, _INTERFACE, _PACKET = 0x0A0D0D0A, 1, 6
 _ETHERNET, _LONGEST = 1, 65535
@@ -71,12 +70,7 @@ class InterfaceCapture:
         """Itself."""
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Close."""
         self.close()
 

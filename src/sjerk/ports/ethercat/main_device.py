@@ -22,7 +22,6 @@ Never here: registers, the layout of frames.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from types import TracebackType
 
 from sjerk._binding import ffi, lib
 from sjerk.errors import InputError, SjerkError
@@ -92,12 +91,7 @@ class MainDevice:
         self._watch = self._steward.watch()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Halt, disable each drive, then Safe-operational and Init."""
         try:
             core = self._kernel.core

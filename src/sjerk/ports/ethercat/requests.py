@@ -5,7 +5,6 @@ Never here: the cycle, mappings that are written.
 
 from __future__ import annotations
 
-from types import TracebackType
 from typing import Any
 
 from sjerk.ports.ethercat.access import Access, BusError, Steps, T, finish
@@ -37,12 +36,7 @@ class Requests:
     def __enter__(self) -> Requests:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._transport.close()
         if self._claim is not None:
             self._claim.close()

@@ -120,19 +120,17 @@ class Desk:
     def ended(self, *, at_rest: bool = True) -> list[GoalHandle]:
         """Goals that have ended and can be told now; each is given out once.
 
-        ``at_rest``: a canceled one only once the axes rest.
+        ``at_rest``: a canceled one only once its axes rest.
         """
-        over = [goal for goal in self._open if goal.status not in OPEN]
-        if at_rest and any(goal.status is GoalStatus.CANCELED for goal in over) and self._moves():
-            over = [goal for goal in over if goal.status is not GoalStatus.CANCELED]
+        gone = not self._host.kernel_lives  # then nothing moves any more
+
+        def told(goal: GoalHandle) -> bool:
+            canceled = goal.status is GoalStatus.CANCELED
+            return goal.status not in OPEN and (not (at_rest and canceled) or goal.rested or gone)
+
+        over = [goal for goal in self._open if told(goal)]
         self._open = [goal for goal in self._open if goal not in over]
         return over
-
-    def _moves(self) -> bool:
-        try:
-            return self._host.feedback().moving
-        except SjerkError:  # the kernel is gone: nothing moves any more
-            return False
 
     def speed(self, factor: float) -> None:
         """Play the goals at another speed, 0 .. 2; raises InputError."""

@@ -55,7 +55,7 @@ _KERNEL = (
     Parameter(
         name="joints",
         default=[""],
-        about="names of the joints, one per axis of the kernel, in order",
+        about="names of the joints, one per axis in order; default: those of the axes",
         fixed=True,
     ),
     Parameter(
@@ -188,7 +188,6 @@ IGNORED = (
     "open_loop_control",
     "allow_integration_in_goal_trajectories",
     "interpolate_from_desired_state",
-    "gains",
     "set_last_command_interface_value_as_state_on_activation",
     "speed_scaling_topic_name",
     "cmd_timeout",

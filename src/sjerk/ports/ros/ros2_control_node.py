@@ -27,11 +27,8 @@ from sjerk.ports.ros.messages import Rows
 from sjerk.ports.ros.parameters import CONTROL
 from sjerk.ports.ros.ros2_life import Waits, declare, joints_of, lead, run, stops
 from sjerk.ports.ros.ros2_status import MotionStates, diagnostics
-from sjerk.ports.ros.tracking import Rest, Tracker, Window
+from sjerk.ports.ros.tracking import SHARE, Rest, Tracker, Window
 from sjerk.profile import FloatArray
-
-#: Velocities of tracked goals are cut to this share of the axes' own.
-_SHARE = 0.95
 
 
 class ControlNode(Node):  # type: ignore[misc]
@@ -56,7 +53,7 @@ class ControlNode(Node):  # type: ignore[misc]
         self._tracker = Tracker(
             horizon=self._value("track.horizon"),
             timeout=self._value("track.timeout"),
-            most=[_SHARE * axis.limits.velocity for axis in axes],
+            most=[SHARE * axis.limits.velocity for axis in axes],
             rest_on_last=True,
         )
         self._waits = Waits(self)

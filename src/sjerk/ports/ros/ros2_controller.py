@@ -33,8 +33,8 @@ from sjerk.host import Host
 from sjerk.ports.ros.desk import Desk, Refusal
 from sjerk.ports.ros.joints import Joints
 from sjerk.ports.ros.messages import Rows, stamp_of
-from sjerk.ports.ros.parameters import CONTROLLER, IGNORED, constraints, settings
-from sjerk.ports.ros.ros2_life import Waits, declare, joints_of, lead, run, stops
+from sjerk.ports.ros.parameters import CONTROLLER, IGNORED, Parameter, constraints, settings
+from sjerk.ports.ros.ros2_life import Waits, declare, ignored, joints_of, lead, run, stops
 from sjerk.ports.ros.ros2_status import MotionStates, diagnostics
 from sjerk.ports.ros.ros2_topic import TopicMotion
 
@@ -53,8 +53,7 @@ class TrajectoryController(LifecycleNode):  # type: ignore[misc]
         """Declares the parameters; raises InputError."""
         super().__init__("sjerk_trajectory_controller")
         declare(self, CONTROLLER)
-        self._known = (*CONTROLLER, *constraints(self.get_parameter("joints").value))
-        declare(self, self._known[len(CONTROLLER) :])
+        self._known: tuple[Parameter, ...] = CONTROLLER
         self._open = ExitStack()
         self._host: Host | None = None
         self._joints: Joints | None = None
@@ -69,8 +68,7 @@ class TrajectoryController(LifecycleNode):  # type: ignore[misc]
         self._waits = Waits(self)
         self._made: list[tuple[Callable[[Any], bool], Any]] = []
         self.add_on_set_parameters_callback(self._on_set)
-        given = self.get_parameters_by_prefix("")
-        foreign = [name for name in IGNORED if any(key.startswith(name) for key in given)]
+        foreign = ignored(self, IGNORED)
         if foreign:
             self.get_logger().info(f"parameters without a meaning here: {', '.join(foreign)}")
 
@@ -108,7 +106,10 @@ class TrajectoryController(LifecycleNode):  # type: ignore[misc]
         """Kernel and interfaces; refuses with a text."""
         try:
             self._host = lead(self, self._open)
-            self._joints = joints_of(self, self._host)
+            joints = joints_of(self, self._host)
+            self._known = (*CONTROLLER, *constraints(joints.names))
+            declare(self, [p for p in self._known if not self.has_parameter(p.name)])
+            self._joints = joints
             self._settings()
         except (SjerkError, TimeoutError, OSError) as error:
             self.get_logger().error(f"not configured: {error}")

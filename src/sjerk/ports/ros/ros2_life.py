@@ -56,6 +56,17 @@ def declare(node: Node, parameters: Sequence[Parameter]) -> None:
         parameter.check(value)
 
 
+def ignored(node: Node, names: Sequence[str]) -> list[str]:
+    """Which of these parameters, that mean nothing here, have been given to a node."""
+    any_type = ParameterDescriptor(dynamic_typing=True)
+    found = [
+        name for name in names if node.declare_parameter(name, None, any_type).value is not None
+    ]
+    for name in names:
+        node.undeclare_parameter(name)
+    return found
+
+
 def lead(node: Node, open_: ExitStack) -> Host:
     """Become the host of the kernel that the parameters name; ``open_`` ends it.
 
@@ -72,9 +83,10 @@ def lead(node: Node, open_: ExitStack) -> Host:
 
 
 def joints_of(node: Node, host: Host) -> Joints:
-    """The joints by the parameter and the axes of the kernel; raises InputError."""
-    axes = host.feedback().axes
-    return Joints.of(node.get_parameter("joints").value, [axis.unit for axis in axes])
+    """The joints by the parameter, else the names of the axes; raises InputError."""
+    given = [name for name in node.get_parameter("joints").value if name]
+    units = [axis.unit for axis in host.feedback().axes]
+    return Joints.of(given or host.names, units)
 
 
 def stops(create: Callable[..., Any], answer: Callable[[str], Any]) -> None:

@@ -10,10 +10,7 @@ from sjerk.executor import StreamPlayer
 from sjerk.executor.goal import from_message
 from sjerk.host import Host
 from sjerk.ports.ros.joints import Joints
-from sjerk.ports.ros.tracking import Rest, Tracker, Window
-
-#: Velocities of tracked windows are cut to this share of the axes' own.
-_SHARE = 0.95
+from sjerk.ports.ros.tracking import SHARE, Rest, Tracker, Window
 
 
 class TopicMotion:
@@ -26,7 +23,7 @@ class TopicMotion:
         self._tracker = Tracker(
             horizon=self._value("track.horizon"),
             timeout=self._value("track.timeout"),
-            most=[_SHARE * axis.limits.velocity for axis in host.feedback().axes],
+            most=[SHARE * axis.limits.velocity for axis in host.feedback().axes],
         )
         self._player: StreamPlayer | None = None
         self._first, self._last, self._came = 0.0, 0.0, 0.0

@@ -17,6 +17,9 @@ from sjerk.errors import InputError, positive, real
 from sjerk.limits import State
 from sjerk.profile import FloatArray
 
+#: Share of what the axes can at which tracked velocities are cut: a plan needs room to catch up.
+SHARE = 0.95
+
 
 class Rest(Enum):
     """How the motion ends when no message comes any more."""
