@@ -130,7 +130,7 @@ static void add_bound(problem *p, int32_t *variable, double *coefficient, int32_
         }
     for (int32_t a = 0; a < count; a++) {
         int32_t v = variable[a];
-        if (v < 0)
+        if (v < 0 || coefficient[a] == 0.0) /* a row of nothing has no interior */
             continue;
         now += coefficient[a] * p->x[v];
         if (entries > begin && p->column[entries - 1] == v)
