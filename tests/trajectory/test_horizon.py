@@ -1,4 +1,4 @@
-"""Control points on knots of their own: the best plan is found on the edges of what is allowed too."""
+"""Control points on knots of their own: the best plan is found on edges of what is allowed too."""
 
 from __future__ import annotations
 
@@ -21,6 +21,7 @@ def arrival(end: float, speed: float, knots: int, high: float) -> Plan:
         slope=np.zeros((2, 1)),
         velocity=None,
         range=np.array([[0.0, high]]),
+        rest=np.array([[-np.inf, np.inf]]),
         direction=np.zeros((1, knots), np.int32),
         turning=np.zeros((1, knots), np.bool_),
         end=np.array([end]),
