@@ -210,3 +210,15 @@ class State:
         for name, number in zip(("position", "velocity", "acceleration"), numbers, strict=True):
             object.__setattr__(self, name, number)
         object.__setattr__(self, "memory", struct.pack("3d", *numbers))
+
+
+def behind(sample: State, T: float) -> tuple[float, float, float]:
+    """P, V, A of the continuous motion at a sample without jerk; with -T at the end before it.
+
+    The half-cycle lemma (``docs/architecture.md``) with j = 0, and from the other side of the sample.
+
+    >>> behind(State(0.0, 2.0), 0.5), behind(State(0.0, 2.0), -0.5)
+    ((0.5, 2.0, 0.0), (-0.5, 2.0, 0.0))
+    """
+    q, v, a = sample.position, sample.velocity, sample.acceleration
+    return q + 0.5 * T * v - T**2 / 12.0 * a, v + 0.5 * T * a, a
