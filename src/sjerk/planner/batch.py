@@ -110,7 +110,7 @@ def plan_many(
         c_limits, step = ffi.from_buffer("sj_limits[]", limits.per_cycle(T)), 0
         given = n
     elif isinstance(limits, np.ndarray):
-        table = limit_rows(limits) * np.array([T, T**2, T**3, T**2, T**3])
+        table = limit_rows(limits, T)
         c_limits = ffi.cast("sj_limits *", ffi.from_buffer(table))
         given = len(table)
     else:
