@@ -1,4 +1,4 @@
-"""Limits of acceleration only, ``jerk=inf``: trapezoids in whole cycles, wherever they are given."""
+"""Limits of acceleration only, ``jerk=inf``: trapezoids in whole cycles, wherever limits go."""
 
 from __future__ import annotations
 
