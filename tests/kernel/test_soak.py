@@ -132,7 +132,9 @@ def _left(frames: Any) -> None:
 
 
 def test_an_axis_is_left_to_its_drive_only_while_it_homes() -> None:
-    """A stop in any cycle of a homing is the drive's, also before the drive shows mode 6; else a finding."""
+    """A stop in any cycle of a homing is the drive's, also before the drive shows mode 6; any other
+    one is a finding.
+    """
     spoilt = good()
     _left(spoilt.all.frames)
     assert check(spoilt).findings["left to its drive"] == 1

@@ -94,8 +94,8 @@ def test_late_and_missing_syncs_are_none_that_stopped_and_one_that_stopped_is_no
 def test_the_motor_lives_on_at_once_where_the_interval_is_known(
     period_ms: int, bound: float, reaction: int
 ) -> None:
-    """It has gone on through the silence when that is noticed: then it stops along its ramp, or coasts,
-    and 606Ch is the speed at which 6064h changes.
+    """It has gone on through the silence when that is noticed: then it stops along its ramp, or
+    coasts, and 606Ch is the speed at which 6064h changes.
     """
     wire = Led(period_ms)
     wire.write(0x605E, 0, reaction)
@@ -148,8 +148,8 @@ def test_a_limit_that_was_set_is_the_limit(fixed_ms: int) -> None:
 
 
 def test_a_silence_is_not_learned_and_another_period_is() -> None:
-    """After ten seconds without SYNC the limit is what it was; a SYNC of another period is known from
-    its second interval.
+    """After ten seconds without SYNC the limit is what it was; a SYNC of another period is known
+    from its second interval.
     """
     watch, now = SyncWatch(), 0.0
     for _ in range(100):

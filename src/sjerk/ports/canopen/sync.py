@@ -2,10 +2,10 @@
 
     limit = max(LEAST_S, SILENT_INTERVALS x the longest of the last REMEMBERED intervals)
 
-A silence beyond `limit` is a SYNC that stopped. SYNCs that are late, and single ones that are missing,
-raise no alarm: n intervals of a SYNC with the period T, each SYNC up to T late, last (n - 1) T
-together or longer, so that the longest of four is 3/4 T or longer. A missing SYNC leaves a gap of 3 T
-or less, which is four times that.
+A silence beyond `limit` is a SYNC that stopped. SYNCs that are late, and single ones that are
+missing, raise no alarm: n intervals of a SYNC with the period T, each SYNC up to T late, last
+(n - 1) T together or longer, so that the longest of four is 3/4 T or longer. A missing SYNC leaves
+a gap of 3 T or less, which is four times that.
 
 An interval beyond the limit was a silence and is not learned, unless the one before it was about as
 long: then the master has changed its period.
@@ -69,7 +69,7 @@ class SyncWatch:
         return max(LEAST_S, SILENT_INTERVALS * max(self._known))
 
     def period(self, *, counts: bool) -> float | None:
-        """The median of the last intervals, once there are enough in a row in which `counts` was true."""
+        """The median of the last intervals; None before enough in a row had `counts` true."""
         if not counts:
             self._compared.clear()
         if len(self._compared) < COMPARED:
