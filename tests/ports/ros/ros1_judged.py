@@ -21,7 +21,17 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.ros_robot import LIMITS, LONGEST_S, NAMES, SCALE, kernel_apart, monitor_of, robot, running
+
+from helpers.ros_robot import (
+    LIMITS,
+    LONGEST_S,
+    NAMES,
+    SCALE,
+    kernel_apart,
+    monitor_of,
+    robot,
+    running,
+)
 
 with socket.socket() as free:
     free.bind(("127.0.0.1", 0))
@@ -94,7 +104,9 @@ class Arm:
         """The newest joint states."""
         return np.array(self.states[-1].position)
 
-    def send(self, rows: Any, times: Any, names: Any = NAMES, feedback: Any = None, **more: Any) -> Any:
+    def send(
+        self, rows: Any, times: Any, names: Any = NAMES, feedback: Any = None, **more: Any
+    ) -> Any:
         """A goal's handle."""
         goal = TYPES.Goal(trajectory=way(rows, times, names), **more)
         return self.action.send_goal(goal, feedback_cb=lambda _, m: feedback and feedback(m))
@@ -285,7 +297,8 @@ def test_the_panda_s_own_yaml_of_ros_2_does(tmp_path: Path) -> None:
     file = tmp_path / "arm.yaml"
     file.write_text(
         "/**:\n  ros__parameters:\n    joints: [a, b, c]\n    command_interfaces: [position]\n"
-        "    action_monitor_rate: 10\n    constraints: {goal_time: 1.0, a: {goal: 0.5}}\n    spede: 1.0\n"
+        "    action_monitor_rate: 10\n    constraints: {goal_time: 1.0, a: {goal: 0.5}}\n"
+        "    spede: 1.0\n"
     )
     words = ["--node-name", "named", "--params", str(file)]
     with running(tmp_path, "ros1", "controller", *words) as program:
@@ -417,7 +430,11 @@ def test_joint_states_are_goals(tmp_path: Path, mode: str) -> None:
             publisher.publish(message)
 
         play(publish, 10.0, count)
-        until(lambda: all(a.position == q * s for a, s in zip(monitor.feedback().axes, SCALE)))
+        until(
+            lambda: all(
+                a.position == q * s for a, s in zip(monitor.feedback().axes, SCALE, strict=True)
+            )
+        )
         for axis, scale in zip(monitor.feedback().axes, SCALE, strict=True):
             assert axis.peak_velocity <= LIMITS["velocity"] * scale * (1 + 1e-9)
             assert axis.peak_jerk <= LIMITS["jerk"] * scale * (1 + 1e-9)

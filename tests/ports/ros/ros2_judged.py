@@ -21,6 +21,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+
 from helpers.ros_robot import (
     LIMITS,
     LONGEST_S,
@@ -51,6 +52,7 @@ from std_srvs.srv import SetBool, Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from sjerk import Monitor
+
 
 class Client:
     """One client node, spun here."""
@@ -118,7 +120,9 @@ class Arm:
     def server_knows(self) -> None:
         """The server finds the client later than the client finds the server: wait for both."""
         node, topic = self.client.node, f"/{self.name}/follow_joint_trajectory/_action/feedback"
-        self.client.until(lambda: node.count_publishers(topic) == node.count_subscribers(topic) == 1)
+        self.client.until(
+            lambda: node.count_publishers(topic) == node.count_subscribers(topic) == 1
+        )
         self.client.spin(0.5)  # what the other end has found cannot be asked
 
     def position(self) -> np.ndarray:

@@ -54,7 +54,7 @@ class Following:
         sent: float,
         now: float,
     ) -> None:
-        """One goal, of joints in any order, that was sent at ``sent`` (s); no ``velocity``: none."""
+        """One goal, of joints in any order, sent at ``sent`` (s); ``velocity`` may be empty."""
         self.counts["goals"] += 1
         self._ages.append(now - sent)
         try:

@@ -205,7 +205,9 @@ class TrajectoryController(Life):
         frame = self.host.feedback()
         rows, now = Rows.of(frame, self.joints), rospy.Time.now()
         names = self.joints.names
-        self._states.publish(joint_state(names, rows.feedback_position, rows.feedback_velocity, now))
+        self._states.publish(
+            joint_state(names, rows.feedback_position, rows.feedback_velocity, now)
+        )
         for text in warnings(self.host):
             self._warnings.publish(String(data=text))
 

@@ -100,7 +100,9 @@ class Life:
                 except SjerkError as error:
                     answer(str(error))
                     return
-                self.turns.until(self.rests, _REST, lambda came: answer("" if came else "not at rest"))
+                self.turns.until(
+                    self.rests, _REST, lambda came: answer("" if came else "not at rest")
+                )
 
             return lambda _: self._answer(order)
 

@@ -403,7 +403,9 @@ class TrajectoryController(LifecycleNode):  # type: ignore[misc]
             return
         rows, now = Rows.of(frame, self._joints), self.get_clock().now().to_msg()
         names = self._joints.names
-        self._states.publish(joint_state(names, rows.feedback_position, rows.feedback_velocity, now))
+        self._states.publish(
+            joint_state(names, rows.feedback_position, rows.feedback_velocity, now)
+        )
         self._reference.publish(controller_state(names, rows, frame.path.speed, now))
         self._motion_states.publish(frame, rows, now)
         for text in warnings(self._host):

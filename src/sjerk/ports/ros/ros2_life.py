@@ -86,7 +86,7 @@ def stops(create: Callable[..., Any], answer: Callable[[str], Any]) -> None:
 
 
 def checks(create: Callable[..., Any], look: Callable[[], Sequence[Status]]) -> None:
-    """The service ``~/check``: whether bus, drive and cycle of each joint are as they have to be."""
+    """The service ``~/check``: whether bus, drive and cycle of each joint are ready."""
 
     def serve(request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         rows = look()

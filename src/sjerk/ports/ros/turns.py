@@ -57,7 +57,7 @@ class Turns:
             raise TimeoutError(f"no answer within {timeout:g} s") from None
 
     def every(self, period: float, job: Callable[[], Any]) -> None:
-        """Do this each so many seconds; what is late is done once, not as often as it was missed."""
+        """Do this each so many seconds; what is late is done once."""
         self._due.append(_Due(period, job, time.monotonic() + period))
 
     def until(
