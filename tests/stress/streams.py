@@ -4,8 +4,8 @@ What is drawn and how it is judged: tests/helpers/stream_check.py. A run depends
 number alone, so slices of one exam add up: `--save FILE` keeps a line for each run, `--of FILE...`
 prints the table of such files. `--beside` also plans anew to the last goal known in each cycle,
 with ruckig: what a motion that can always stop there needs at least, where goals go one way. Exit
-status 0 if no stream goes back more often than its goals, leaves a limit, passes the last goal known, ends
-elsewhere or never.
+status 0 if no stream goes back more often than its goals, leaves a limit, passes the last goal
+known, ends elsewhere or never.
 """
 
 from __future__ import annotations
