@@ -50,7 +50,7 @@ class PanelServer:
         self.journal = Journal()
         self.watching = watching
         self.door = Door(lead=lead, tell=lambda what: self.journal.tell(what, bad=True))
-        self._lead = Lead(lambda: watching.monitor, self.journal.tell, any_owner)
+        self._lead = Lead(watching, self.journal.tell, any_owner=any_owner)
         self.desk = Desk(
             settings,
             watching,
@@ -152,7 +152,7 @@ class PanelServer:
 
     def _again(self) -> None:
         """The kernel has ended: nobody leads, and it is looked for."""
-        if self.watching.monitor is not None:
+        if self.watching.runs:
             self.journal.tell("the kernel has ended", bad=True)
             self._lead.lost()
             self.watching.lost()
@@ -192,7 +192,8 @@ class PanelServer:
         for browser, page in list(self._pages.items()):
             try:
                 work(page)
-            except RuntimeError:  # it has left meanwhile
+            except RuntimeError as fault:  # it has left meanwhile
+                self.journal.tell(f"browser {browser}: {fault}")
                 self._pages.pop(browser, None)
 
 
