@@ -3,8 +3,8 @@
 Work is processor time of the thread: take, kernel, send; in Python with pysoem, its waiting not
 counted. Whole is the same with the wait for the answer, which the exchange in C does not have. Both
 have one frame a cycle; most of what the one in C takes is the system's, which wakes the emulator.
-Phase: of the cycle against the drives' clock. Each drive that left Operational is told with how late
-the cycle was. Skips where no network namespace can be had.
+Phase: of the cycle against the drives' clock. Each drive that left Operational is told with how
+late the cycle was. Skips where no network namespace can be had.
 """
 
 from __future__ import annotations
