@@ -91,6 +91,8 @@ class Page:
         """Run an order of this browser; what is refused is told in its page."""
         try:
             work()
+        except RuntimeError:  # of viser (server.py): the order is given, its answer may be late
+            return
         except (SjerkError, TimeoutError, OSError) as fault:
             self.say(str(fault), bad=True)
             self.desk.journal.tell(f"browser {self.browser}: {fault}", bad=True)
