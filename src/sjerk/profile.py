@@ -37,8 +37,7 @@ __all__ = [
     "scurve",
 ]
 
-#: Relative slack of whole-cycle roundings: 0.1 / 0.001 is 100 cycles, not 101.
-ROUNDING_SLACK = 1e-11
+ROUNDING_SLACK = 1e-11  # relative, of whole cycles: 0.1 / 0.001 is 100 of them, not 101
 
 
 class Profile(Plan):
@@ -160,8 +159,8 @@ class Profile(Plan):
         if isinstance(cycle, bool) or not isinstance(cycle, int) or cycle < 0:
             raise InputError("cycle", cycle, "must be an int, at least 0")
         T, end, after = self._cycle_time, self._end, (cycle - self.cycles - 1) * self._cycle_time
+        v, a = end.velocity, end.acceleration
         if cycle >= self.cycles:
-            v, a = end.velocity, end.acceleration
             return State(end.position + after * (v + after * a / 2.0), v + after * a, a)
         rows = Samples.empty(cycle + 1)
         self.fill(rows, cycle + 1)

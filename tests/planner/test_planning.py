@@ -727,7 +727,7 @@ def test_position_range_refuses_targets_and_reports_ways() -> None:
 @pytest.mark.parametrize(
     ("field", "call"),
     [
-        ("acceleration", lambda: plan(0.0, State(1.0, 0.0, 1.0), ROBOT, T)),
+        ("acceleration", lambda: plan(0.0, State(1.0, 0.0, 501.0), ROBOT, T)),
         ("velocity", lambda: plan(0.0, State(1.0, 91.0), ROBOT, T)),
         ("target", lambda: plan(0.0, math.nan, ROBOT, T)),
         ("start", lambda: plan("0", 1.0, ROBOT, T)),  # type: ignore[call-overload]

@@ -12,8 +12,8 @@ import argparse
 import subprocess
 import sys
 import time
-from collections.abc import Generator, Iterator, Sequence
-from contextlib import closing
+from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -44,6 +44,12 @@ AFTER_S = 1.0
 DELAY = 4
 #: How long before it is due a piece is sent: a busy machine holds a host up.
 AHEAD_S = 0.1
+#: Errors of a drive whose main device was away: none told, watchdog, SYNC0.
+AWAY = (0, 0x8130, 0x8700)
+#: How long a drive may take to come back.
+BACK_S = 30.0
+#: Times that a run is made where the machine stands still for longer than a drive waits.
+ATTEMPTS = 5
 #: A dip: the speed falls by more than this share and rises again.
 DIP = 0.1
 
@@ -110,10 +116,12 @@ def play(host: Host, label: str, goals: Iterator[float], end: float) -> Run:
             axis = host.feedback().axes[0]
             if axis.fault:
                 raise SjerkError(f"the drive has stopped with an error, {axis.error_code:04X}h")
-            if goal != end or axis.position != end or axis.moving:
+            if goal != end or axis.moving:
                 still_since = None
             elif still_since is None:
                 still_since = time.monotonic()
+            elif axis.position != end and time.monotonic() - still_since > AFTER_S / 2:
+                raise SjerkError(f"the motion ended at {axis.position:.3f} deg, not at {end:g}")
             share = int(10.0 * abs(axis.position - start) / (abs(end - start) or 1.0)) * 10
             if share != shown:
                 shown = share
@@ -204,7 +212,7 @@ def _run(options: argparse.Namespace) -> int:
         given = [str(options.path), "--out", str(options.out), "--cycle-us", str(options.cycle_us)]
         given += ["--joint", options.joint] if options.joint else []
         here = [sys.executable, "-m", "sjerk", "demo", "--on-cable", *given]
-        return subprocess.call(cable.inside(here))
+        return subprocess.call(cable.first(cable.inside(here)))
     cycle_time = options.cycle_us / 1e6
     if not options.on_cable:
         return run(options.path, options.out, cycle_time, options.joint)
@@ -239,8 +247,8 @@ def run(
         f"{path.name}: joint {recording.joint}, {len(recording.time)} points over "
         f"{recording.time[-1]:.2f} s, ends at {end:.3f} deg"
     )
-    runs = []
-    with _kernel(cycle_time, interface) as kernel, kernel.host() as host:
+    runs: list[Run] = []
+    with _running(cycle_time, interface) as kernel, kernel.host() as host:
         try:
             host.enable()
             for label, begin in (
@@ -249,9 +257,7 @@ def run(
                 ("stop within", partial(lookahead, host, recording, stop_within=True)),
                 ("look-ahead", partial(lookahead, host, recording, stop_within=False)),
             ):
-                host.move(start).wait()
-                with closing(begin()) as goals:
-                    runs.append(play(host, label, goals, end))
+                runs.append(_attempt(host, label, begin, start, end))
             timing = host.feedback().timing
             host.disable()
         except KeyboardInterrupt:
@@ -265,6 +271,70 @@ def run(
         print()
         print(feed_forward.table(kernel.axes[0], start, end, cycle_time))
     return draw(out, recording, runs, cycle_time)
+
+
+def _attempt(
+    host: Host,
+    label: str,
+    begin: Callable[[], Generator[float, None, None]],
+    start: float,
+    end: float,
+) -> Run:
+    """One run; again, and told, where the machine kept the cycle from a drive for too long."""
+    for left in reversed(range(ATTEMPTS)):
+        before = _missed(host)
+        try:
+            host.move(start).wait()
+            with closing(begin()) as goals:
+                return play(host, label, goals, end)
+        except (SjerkError, TimeoutError):
+            missed, code = _missed(host) - before, host.feedback().axes[0].error_code
+            if host.feedback().bus is None or code not in AWAY or missed == 0 or not left:
+                raise
+            print(
+                f"\n{label}: the machine stood still, {missed} cycles did not reach the drive; "
+                "the run begins anew",
+                file=sys.stderr,
+            )
+            _come_back(host)
+    raise AssertionError("the last attempt returns or raises")
+
+
+def _missed(host: Host) -> int:
+    """Cycles so far that were skipped, or whose answers did not come."""
+    frame = host.feedback()
+    return frame.timing.late + (frame.bus.lost if frame.bus else 0)
+
+
+def _come_back(host: Host) -> None:
+    """The drive is brought back beside the cycle; then its axis is reset and enabled."""
+    end = time.monotonic() + BACK_S
+    while True:
+        host.reset()
+        try:
+            host.enable()
+        except (TimeoutError, SjerkError):
+            if time.monotonic() > end:
+                raise
+        else:
+            return
+
+
+@contextmanager
+def _running(cycle_time: float, interface: str | None) -> Iterator[MotionKernel]:
+    """The kernel, running; on EtherCAT it is tried again where the machine stalls at its start."""
+    for left in reversed(range(ATTEMPTS)):
+        kernel = _kernel(cycle_time, interface)
+        with ExitStack() as running:
+            try:
+                running.enter_context(kernel)
+            except SjerkError as fault:
+                if interface is None or not left:
+                    raise
+                print(f"{fault}; the start is tried again", file=sys.stderr)
+                continue
+            yield kernel
+            return
 
 
 def _check_picture(out: Path) -> None:

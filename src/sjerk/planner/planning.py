@@ -219,11 +219,12 @@ def plan(
     """Plan the fastest motion in whole cycles from any state to any target.
 
     ``start`` and ``target``: a ``State`` or a position (one axis), or sequences of them (N axes,
-    1 to 64); states of the samples, with no jerk before the start. ``limits``: one for all axes or
-    one each. ``cycle_time`` in seconds. The target's velocity and acceleration are free within
-    the limits; so must be the velocity from which an acceleration comes. A start outside the limits is brought back inside as fast as the jerk
-    allows. ``synchronization``: with ``"time"`` all axes arrive in the same cycle, with ``"phase"``
-    on a straight line (from rest to rest; else as ``"time"``), with ``"none"`` each for itself.
+    1 to 64); states of the samples, with no jerk before the start and behind the end. ``limits``:
+    one for all axes or one each. ``cycle_time`` in seconds. The target's velocity and acceleration
+    are free within the limits; within them must be the velocity that an acceleration comes from,
+    too. A start outside the limits is brought back inside as fast as the jerk allows.
+    ``synchronization``: with ``"time"`` all axes arrive in the same cycle, with ``"phase"`` on a
+    straight line (from rest to rest; else as ``"time"``), with ``"none"`` each for itself.
     The motion takes ``min_duration`` seconds or more.
 
     ``cruise``: a ``"fast"`` motion cruises a little below ``limits.velocity``, by less than what a

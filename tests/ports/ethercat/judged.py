@@ -205,6 +205,9 @@ def malformed(capture: Path) -> tuple[int, int]:
 
 if CAPTURES := [run for run in RUNS[GROUP] if run[0] in CAPTURED]:
 
+    @pytest.mark.skipif(
+        shutil.which("tshark") is None, reason="no tshark (on Debian: apt install tshark)"
+    )
     @pytest.mark.usefixtures("cable")
     @pytest.mark.parametrize(("name", "drives"), CAPTURES)
     def test_an_independent_decoder_finds_nothing_malformed(name: str, drives: int) -> None:
