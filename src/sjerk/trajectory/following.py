@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from sjerk._binding import ffi, lib
 from sjerk.errors import InputError, PlanError, positive
+from sjerk.limits import jerk_limited
 from sjerk.profile import CYCLES_MAX, FloatArray, Limits
 from sjerk.trajectory.faults import FaultKind, TrajectoryError, TrajectoryFault
 from sjerk.trajectory.segments import Followed, IntArray, Knot, doubles
@@ -171,7 +172,10 @@ def _refuse(
 
 
 def limits_per_cycle(limits: Sequence[Limits], T: float) -> FloatArray:
-    """Velocity, acceleration and jerk per cycle (N, 3), the smaller ones of driving and braking."""
+    """Velocity, acceleration and jerk per cycle (N, 3), the smaller ones of driving and braking.
+
+    Raises ``InputError`` where a jerk is infinite.
+    """
     return np.array(
         [
             (
@@ -179,7 +183,7 @@ def limits_per_cycle(limits: Sequence[Limits], T: float) -> FloatArray:
                 min(limit.acceleration, limit.braking[0]) * T**2,
                 min(limit.jerk, limit.braking[1]) * T**3,
             )
-            for limit in limits
+            for limit in jerk_limited(limits)
         ]
     )
 
