@@ -134,17 +134,22 @@ def test_an_order_of_another_hand_ends_the_following() -> None:
 
 
 def test_the_check_before_the_start_names_the_joint_with_a_fault() -> None:
-    """And does not let it start; a reset does."""
-    axes = [Axis(LIMITS[0], 1e5, unit="deg"), Axis(LIMITS[1], 1e6, unit="rad")]
+    """And does not let it start."""
+    axes = [
+        Axis(LIMITS[0], 1e5, "external", unit="deg"),
+        Axis(LIMITS[1], 1e6, "external", unit="rad"),
+    ]
     kernel = MotionKernel(axes)
+    inputs = kernel.image.inputs
+    inputs["statusword"][:] = 0x0250  # switch on disabled
     host, joints = kernel.host(), Joints.of(NAMES, ["deg", "rad"])
     kernel.step(5)
     told: list[str] = []
     check_start(host, joints, told.append)
     assert [line.split(":")[0] for line in told] == list(NAMES)
     assert [row.level for row in check(host, joints)] == [Level.OK, Level.OK]
-    kernel.axes[1].fault(0x7500)
-    kernel.step(200)
+    inputs["statusword"][1], inputs["error_code"][1] = 0x0218, 0x7500
+    kernel.step(5)
     rows = check(host, joints)
     assert [row.level for row in rows] == [Level.OK, Level.ERROR]
     with pytest.raises(Exception, match=r"check before the start: elbow: .*7500h"):
