@@ -33,7 +33,7 @@ from sjerk.trajectory import shipped_recording
 from sjerk.trajectory.files import read_bag
 
 HERE = Path(__file__).parent
-LONGEST_S = 30.0
+LONGEST_S = 60.0
 TOPIC = "/joint_states"
 MODES = {"interrupt": "interrupted", "stream": "look-ahead"}
 #: The exit code where the drive on the cable has been lost.
