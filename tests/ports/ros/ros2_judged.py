@@ -252,7 +252,7 @@ def test_hold_and_speed(arm: Arm) -> None:
     )
     goal = arm.send([[1.0, 0.0, 0.0]], [1.5])
     with Monitor.attach(kernel_of(arm)) as monitor:
-        arm.moves()
+        arm.client.until(lambda: monitor.feedback().axes[0].position > 0.05 * SCALE[0])
         speed.publish(SpeedScalingFactor(factor=0.0))
         arm.client.until(lambda: monitor.feedback().axes[0].velocity == 0.0)
         at = monitor.feedback().axes[0].position
