@@ -262,6 +262,39 @@ def test_a_picture_of_an_unknown_kind_is_refused_first(capsys: pytest.CaptureFix
     assert ".png" in told
 
 
+def test_points_before_and_after_resampling_are_drawn(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As many as ``resample`` keeps; what is no trajectory is refused with its file."""
+    file = tmp_path / "way.csv"
+    rows = [f"{0.1 * k},{0.2 * k},{0.1 * k}" for k in range(9)]
+    file.write_text("\n".join(["time,a,b", *rows]) + "\n")
+    assert main(["plot", str(file), "--resample", "0.5"]) == 0
+    assert "9 points, 3 kept" in capsys.readouterr().out
+    assert file.with_suffix(".png").stat().st_size > 1000
+    assert main(["plot", str(file), "--resample", "-1"]) == 1
+    assert "delta" in capsys.readouterr().err
+    assert main(["plot", str(file), "--resample", "0.5", "--axes", "2"]) == 1
+    assert "0 .. 1" in capsys.readouterr().err
+    file.write_text("no numbers")
+    assert main(["plot", str(file), "--resample", "0.5"]) == 1
+    assert "way.csv" in capsys.readouterr().err
+
+
+def test_a_panel_is_refused_before_anything_runs(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A robot that is no file, a table that says something unknown, a port that is none."""
+    assert main(["panel", "none.toml"]) == 1
+    assert "none.toml" in capsys.readouterr().err
+    assert main(["panel", "--port", "70000"]) == 1
+    assert "65535" in capsys.readouterr().err
+    file = tmp_path / "robot.toml"
+    file.write_text(FILE + "\n[panel]\nmeshes = 1\n")
+    assert main(["panel", str(file)]) == 1
+    assert "panel.meshes" in capsys.readouterr().err
+
+
 def test_a_missing_extra_is_named_with_its_module(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:

@@ -189,7 +189,7 @@ int32_t sj_plan_duration(double h, double v0, double a0, double v1, const sj_lim
 /* ---- several axes ---- */
 
 /* Where axes keep blocking each other: from its stop on an axis can take any duration. */
-static int64_t stop_duration(int32_t n, const sj_request *r, const sj_limits *l, int64_t cycles)
+int64_t sj_stop_duration(int32_t n, const sj_request *r, const sj_limits *l, int64_t cycles)
 {
     for (int32_t i = 0; i < n; i++) {
         task t = sj_task_of(r[i].distance, r[i].v0, r[i].a0, r[i].v1, &l[i]);
@@ -300,7 +300,7 @@ int32_t sj_plan_together(int32_t n, const sj_request *r, const sj_limits *l, int
     for (int round = 0; round < SYNC_ROUNDS; round++) {
         int blocked = 0;
         if (round == SYNC_ROUNDS - 2)
-            cycles = stop_duration(n, r, l, cycles);
+            cycles = sj_stop_duration(n, r, l, cycles);
         for (int32_t i = 0; i < n && !blocked; i++) {
             if (p[i].cycles == cycles)
                 continue;

@@ -248,7 +248,9 @@ class GoalStream:
     @property
     def report(self) -> StreamReport:
         """What has become of the goals so far."""
-        return self._told.report(self._planner.turns.more(), self._planner.kept)
+        return self._told.report(
+            self._planner.turns.more(), self._planner.kept, self._horizon.iterations
+        )
 
     def take(self, cycle: int) -> list[Followed]:
         """Hand out the motion up to ``cycle`` of the stream, or to the next knot behind it.

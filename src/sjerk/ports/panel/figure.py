@@ -8,7 +8,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import trimesh
 from numpy.typing import ArrayLike, NDArray
 
 from sjerk.ports.panel.arm import Arm, Capsule
@@ -16,6 +15,7 @@ from sjerk.ports.panel.arm import Arm, Capsule
 Colour = tuple[int, int, int]
 RED: Colour = (224, 49, 49)
 _SHADE = 0.72
+_RINGS, _SIDES = 6, 18
 
 
 def quaternion(rotation: NDArray[Any]) -> tuple[float, float, float, float]:
@@ -46,15 +46,29 @@ def quaternion(rotation: NDArray[Any]) -> tuple[float, float, float, float]:
     return w, x, y, z
 
 
-def capsule_mesh(capsule: Capsule) -> Any:
-    """Triangles of a capsule, in its link's frame."""
+def capsule_mesh(capsule: Capsule) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Vertices (n, 3) and triangles (m, 3) of a capsule, in its link's frame.
+
+    Rings around its line: those of a half sphere at either end.
+    """
     start, end = np.array(capsule.start), np.array(capsule.end)
-    length = float(np.linalg.norm(end - start))
-    mesh = trimesh.creation.capsule(height=length, radius=capsule.radius, count=[16, 10])
-    turn = trimesh.geometry.align_vectors([0.0, 0.0, 1.0], (end - start) / length)
-    turn[:3, 3] = start
-    mesh.apply_transform(turn)
-    return mesh
+    along = (end - start) / np.linalg.norm(end - start)
+    side = np.cross(along, np.eye(3)[np.argmin(np.abs(along))])
+    side /= np.linalg.norm(side)
+    up = np.cross(along, side)
+    latitude = np.linspace(-np.pi / 2.0, np.pi / 2.0, 2 * _RINGS)
+    turn = np.linspace(0.0, 2.0 * np.pi, _SIDES, endpoint=False)
+    around = np.cos(turn)[:, None] * side + np.sin(turn)[:, None] * up
+    rows = [
+        (start if angle < 0.0 else end)
+        + capsule.radius * (np.sin(angle) * along + np.cos(angle) * around)
+        for angle in latitude
+    ]
+    ring, k = np.meshgrid(np.arange(2 * _RINGS - 1), np.arange(_SIDES), indexing="ij")
+    one, two = ring * _SIDES + k, ring * _SIDES + (k + 1) % _SIDES
+    faces = [[one, two, one + _SIDES], [two, two + _SIDES, one + _SIDES]]
+    triangles = np.concatenate([np.stack(f, axis=-1).reshape(-1, 3) for f in faces])
+    return np.concatenate(rows), triangles
 
 
 class Figure:
@@ -83,12 +97,12 @@ class Figure:
                 )
             self._meshes[link] = []
             for k, capsule in enumerate(c for c in arm.capsules if c.link == link):
-                mesh = capsule_mesh(capsule)
+                vertices, faces = capsule_mesh(capsule)
                 r, g, b = (int(v * (_SHADE if k else 1.0)) for v in colour)
                 handle = scene.add_mesh_simple(
                     f"{name}/shape{k}",
-                    mesh.vertices,
-                    mesh.faces,
+                    vertices,
+                    faces,
                     color=(r, g, b),
                     opacity=opacity,
                     flat_shading=False,

@@ -62,7 +62,7 @@ class Scope:
         )
         rows = np.stack(columns, axis=-1)
         self._before = actual[-1:]
-        self._keep(chunk.frames["cycle"].copy(), rows)
+        self._keep(chunk.frames["head"]["cycle"].copy(), rows)
         rows = np.concatenate([self._rest, rows])
         n = len(rows) // self._size
         self._rest = rows[n * self._size :]
