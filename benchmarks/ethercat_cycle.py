@@ -1,7 +1,8 @@
 """Cycles of a kernel with drives on a cable: ethercat_cycle.py WAY DRIVES CYCLE_US SECONDS.
 
-WAY: ``ours`` (the exchange in C), ``arrivals`` (the same, its clock held by arrival times),
-``pysoem`` (exchange and clock in Python, as its users write them). Prints one line of JSON.
+WAY: ``ours`` (the exchange in C), ``together`` (the same, one LRW for all drives), ``arrivals``
+(as ours, its clock held by arrival times), ``pysoem`` (exchange and clock in Python, as its users
+write them). Prints one line of JSON.
 """
 
 from __future__ import annotations
@@ -63,8 +64,11 @@ def in_c(way: str, count: int, period_us: int, seconds: int) -> dict[str, object
     drives: dict[str, object] = {str(k): {"position": k} for k in range(count)}
     bus = {"interface": MAIN, "lost": 1000}
     core = kernel.core
+    began = time.monotonic()
     connection = connect(core, T, {"path": "bench", "bus": bus, "axes": drives})
     c = connection.bus.c
+    c.together = way == "together"
+    set_up = time.monotonic() - began
     end, options = ffi.new("sj_clock_end *"), Clock().to_c(period_us * 1e-6)
     cycle = threading.Thread(
         target=lambda: lib.sj_clock_run(core, ffi.NULL, options, connection.exchange, end)
@@ -103,6 +107,7 @@ def in_c(way: str, count: int, period_us: int, seconds: int) -> dict[str, object
             "answers late": c.told.lost - before[1],
             "late": core.feedback.late - before[2],
             "wrong": sum(c.drive[k].told.wrong for k in range(count)),
+            "set up": set_up,
             "thrown out": thrown,
         }
         lib.sj_clock_order(end, lib.SJ_END_REST)
@@ -120,6 +125,7 @@ def in_python(count: int, period_us: int, seconds: int) -> dict[str, object]:
     kernel = MotionKernel([AXIS] * count, period_us * 1e-6)
     master = pysoem.Master()
     master.open(MAIN)
+    began_all = time.monotonic()
     assert master.config_init() == count
 
     def configure(drive: object) -> None:
@@ -135,6 +141,7 @@ def in_python(count: int, period_us: int, seconds: int) -> dict[str, object]:
     master.config_dc()
     master.config_map()
     master.state_check(pysoem.SAFEOP_STATE, 500_000)
+    set_up = time.monotonic() - began_all
     image, slaves = kernel.image, master.slaves
     outputs, inputs = image.outputs, image.inputs
     kernel.step()
@@ -180,6 +187,7 @@ def in_python(count: int, period_us: int, seconds: int) -> dict[str, object]:
         "phase": row(histogram(phase)),
         "cycles": len(work),
         "wrong": wrong,
+        "set up": set_up,
     }
 
 

@@ -6,6 +6,7 @@ import json
 import math
 import os
 import platform
+import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -262,6 +263,39 @@ def test_a_picture_of_an_unknown_kind_is_refused_first(capsys: pytest.CaptureFix
     assert ".png" in told
 
 
+def test_points_before_and_after_resampling_are_drawn(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As many as ``resample`` keeps; what is no trajectory is refused with its file."""
+    file = tmp_path / "way.csv"
+    rows = [f"{0.1 * k},{0.2 * k},{0.1 * k}" for k in range(9)]
+    file.write_text("\n".join(["time,a,b", *rows]) + "\n")
+    assert main(["plot", str(file), "--resample", "0.5"]) == 0
+    assert "9 points, 3 kept" in capsys.readouterr().out
+    assert file.with_suffix(".png").stat().st_size > 1000
+    assert main(["plot", str(file), "--resample", "-1"]) == 1
+    assert "delta" in capsys.readouterr().err
+    assert main(["plot", str(file), "--resample", "0.5", "--axes", "2"]) == 1
+    assert "0 .. 1" in capsys.readouterr().err
+    file.write_text("no numbers")
+    assert main(["plot", str(file), "--resample", "0.5"]) == 1
+    assert "way.csv" in capsys.readouterr().err
+
+
+def test_a_panel_is_refused_before_anything_runs(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A robot that is no file, a table that says something unknown, a port that is none."""
+    assert main(["panel", "none.toml"]) == 1
+    assert "none.toml" in capsys.readouterr().err
+    assert main(["panel", "--port", "70000"]) == 1
+    assert "65535" in capsys.readouterr().err
+    file = tmp_path / "robot.toml"
+    file.write_text(FILE + "\n[panel]\nmeshes = 1\n")
+    assert main(["panel", str(file)]) == 1
+    assert "panel.meshes" in capsys.readouterr().err
+
+
 def test_a_missing_extra_is_named_with_its_module(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
@@ -442,12 +476,13 @@ def test_messages_name_the_next_step(tmp_path: Path, capsys: pytest.CaptureFixtu
 
 
 def test_a_soak_that_is_not_there_is_refused_before_anything_is_installed(tmp_path: Path) -> None:
-    """In a copy of the script alone, where an installation could only fail."""
+    """In a copy of the script and the soaks, where an installation could only fail."""
     copy = tmp_path / "run"
     copy.write_bytes((ROOT / "run").read_bytes())
+    shutil.copytree(ROOT / "tests" / "stress", tmp_path / "tests" / "stress")
     for words in (["stress"], ["stress", "kernel_host"], ["stress", "../drive"]):
         done = subprocess.run(["sh", str(copy), *words], capture_output=True, text=True)
         assert done.returncode == 1
-        assert "(handshake, kernel, stop, streams)" in done.stderr
+        assert all(soak in done.stderr for soak in ("handshake", "kernel", "stop", "streams"))
         assert done.stderr.count("\n") == 1
     assert not (tmp_path / ".venv").exists()

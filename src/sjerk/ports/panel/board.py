@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sjerk.cycle.states import AxisState
 from sjerk.host import BUCKET_EDGES, AxisFeedback, Distribution, Feedback
 from sjerk.host.reasons import fault_words
 from sjerk.ports.panel.desk import Desk, Proposal
@@ -26,6 +27,12 @@ _GHOST: Colour = (70, 140, 250)
 _YELLOW: Colour = (250, 176, 5)
 _TIMES = ("latency", "period", "computing")
 _WAY_POINTS = 80
+#: Of PLCopen's states those that are too long for a table.
+_SHORT = {
+    AxisState.SYNCHRONIZED_MOTION: "on path",
+    AxisState.DISCRETE_MOTION: "moves",
+    AxisState.CONTINUOUS_MOTION: "jogs",
+}
 
 
 class Board:
@@ -110,8 +117,7 @@ class Board:
 
     def _first_line(self, feedback: Feedback, seen: int) -> str:
         desk = self._desk
-        monitor = desk.watching.monitor
-        pid = None if monitor is None else monitor.host_pid
+        pid = desk.watching.host_pid
         browser = desk.lead.browser
         if browser is not None:
             who = f"browser {browser}"
@@ -148,16 +154,17 @@ class Board:
         )
 
     def _row(self, i: int, axis: AxisFeedback, low: float, high: float) -> str:
-        state = axis.state.name.lower().replace("_", " ")
+        full = axis.state.name.lower().replace("_", " ")
+        state = _SHORT.get(axis.state, full)
         if axis.fault:
-            state = f"fault {fault_words(axis.error_code)}"
+            state = full = f"fault {fault_words(axis.error_code)}"
         colour = "color:#e03131" if axis.fault or axis.state.name == "ERROR_STOP" else "opacity:.75"
         at = axis.actual_position
         bar = ""
         if math.isfinite(low) and math.isfinite(high):
             share = min(100.0, max(0.0, 100.0 * (at - low) / (high - low)))
             bar = (
-                "<div style='background:#868e9655;height:6px;width:64px;margin-left:8px'>"
+                "<div style='background:#868e9655;height:6px;width:56px;margin-left:8px'>"
                 f"<div style='margin-left:{0.96 * share:.1f}%;width:3px;height:6px;"
                 "background:#228be6'></div></div>"
             )
@@ -165,8 +172,8 @@ class Board:
         degrees = f"<td {cell}>{math.degrees(at):+.2f}</td>" if self._desk.units[0] == "rad" else ""
         name = html.escape(self._desk.names[i])
         return (
-            f"<tr data-axis='{i}'><td style='white-space:nowrap'>{name} "
-            f"<span style='{colour}'>{html.escape(state)}</span></td>"
+            f"<tr data-axis='{i}'><td style='overflow-wrap:anywhere'>{name} "
+            f"<span style='{colour}' title='{html.escape(full)}'>{html.escape(state)}</span></td>"
             f"<td {cell}>{at:+.4f}</td>{degrees}<td>{bar}</td><td {cell}>{axis.velocity:+.3f}</td>"
             "</tr>"
         )

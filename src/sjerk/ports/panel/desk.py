@@ -9,8 +9,7 @@ from __future__ import annotations
 import math
 import threading
 import time
-from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -100,7 +99,6 @@ class Desk:
         self.proposal: Proposal | None = None
         self.preview = False
         self._planning = threading.Lock()
-        self._watchers = ThreadPoolExecutor(4, thread_name_prefix="path")
 
     # ---- what is there
 
@@ -118,10 +116,7 @@ class Desk:
 
     def commanded(self) -> FloatArray:
         """Where the kernel has the axes now; raises SjerkError where it has ended."""
-        monitor = self.watching.monitor
-        if monitor is None:
-            raise NotLeadingError("no kernel runs")
-        return np.array([axis.position for axis in monitor.feedback().axes])
+        return np.array(self.watching.positions())
 
     # ---- the goal, poses, the scene: of the browser that leads
 
@@ -222,11 +217,18 @@ class Desk:
             return self.proposal
 
     def execute(
-        self, browser: int, *, agreed: Proposal | None, speed: Any = 1.0, hold: bool = False
+        self,
+        browser: int,
+        *,
+        agreed: Proposal | None,
+        speed: Any = 1.0,
+        hold: bool = False,
+        then: Callable[[str], None] | None = None,
     ) -> PlayedPath:
         """Play the plan; refused where the arm or the scene has changed since.
 
-        ``agreed``: the proposal that was clicked before. Raises NotLeadingError, AskAgainError.
+        ``agreed``: the proposal that was clicked before; ``then`` as of ``Lead.play``. Raises
+        NotLeadingError, AskAgainError.
         """
         self.lead.of(browser)
         factor = number("speed", speed, 0.0, 2.0)
@@ -250,21 +252,9 @@ class Desk:
                 bad=True,
             )
         self.preview = False
-        path = self.lead.play(browser, proposal.plan.blocks, speed=factor, hold=hold)
+        path = self.lead.play(browser, proposal.plan.blocks, speed=factor, hold=hold, then=then)
         self.proposal = None
         return path
-
-    def when_over(self, path: PlayedPath, then: Any) -> None:
-        """Call ``then`` with "" where a path has come to its end, else with the reason."""
-
-        def wait() -> None:
-            try:
-                path.wait()
-                then("")
-            except (SjerkError, TimeoutError, OSError) as fault:
-                then(str(fault))
-
-        self._watchers.submit(wait)
 
     def record(self, browser: int) -> str:
         """Begin a recording, or end the one that goes on; what has become of it."""
@@ -288,7 +278,6 @@ class Desk:
         self.lead.close()
         if self.taking.browser is not None:
             self.left(self.taking.browser, "the panel ends")
-        self._watchers.shutdown(wait=False, cancel_futures=True)
 
 
 def rotation(turn: Sequence[float]) -> FloatArray:

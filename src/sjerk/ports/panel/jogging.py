@@ -55,12 +55,14 @@ class JogTab:
         self._desk.lead.jog(self._page.browser, axis, velocity)
 
     def _moved(self, axis: int, sign: float) -> None:
-        host = self._desk.lead.of(self._page.browser)
         own = self._desk.limits[axis]
         share = number("velocity", self._share.value, 0.01, 1.0)
         step = number("step", self._step.value, 0.0, 1e6)
         slower = Limits(share * own.velocity, own.acceleration, own.jerk)
-        host.move({axis: sign * step}, relative=True, limits={axis: slower})
+        self._desk.lead.order(
+            self._page.browser,
+            lambda host: host.move({axis: sign * step}, relative=True, limits={axis: slower}),
+        )
 
     def tick(self) -> None:
         """Nothing follows by itself."""

@@ -13,8 +13,9 @@ from collections.abc import Callable
 from contextlib import suppress
 
 from sjerk.errors import HostTakenError, InputError, SjerkError
-from sjerk.host import Blocks, Host, Monitor, Path
+from sjerk.host import Blocks, Host, Path
 from sjerk.ports.panel.holding import Holds, Press
+from sjerk.ports.panel.watching import Watching
 
 #: Seconds without a beat after which the kernel halts by itself.
 WATCH = 0.5
@@ -29,21 +30,23 @@ class NotLeadingError(SjerkError):
 
 
 class Lead:
-    """The lead over the kernel that ``monitor`` sees; browsers by number.
+    """The lead over the kernel that ``watching`` sees; browsers by number.
 
     ``tell`` gets what becomes of it, in words.
     """
 
     def __init__(
-        self, monitor: Callable[[], Monitor | None], tell: Callable[[str], None], any_owner: bool
+        self, watching: Watching, tell: Callable[[str], None], *, any_owner: bool = False
     ) -> None:
-        self._monitor, self._tell, self._any_owner = monitor, tell, any_owner
+        self._watching, self._tell, self._any_owner = watching, tell, any_owner
         self._lock = threading.RLock()
         self._browser: int | None = None
         self._host: Host | None = None
         self._path: Path | None = None
         self._holds = Holds()
         self._stopped = -_AGAIN
+        self._users: list[Callable[[], None]] = []
+        self._then: Callable[[str], None] | None = None
         self._end = threading.Event()
         self._thread = threading.Thread(target=self._watch, name="dead-man", daemon=True)
         self._thread.start()
@@ -67,11 +70,9 @@ class Lead:
                 return
             if self._browser is not None:
                 raise NotLeadingError(f"browser {self._browser} leads")
-            seen = self._monitor()
-            if seen is None:
-                raise NotLeadingError("no kernel runs")
+            name = self._watching.name
             try:
-                host = Host.attach(seen.name, wait=0.2, any_owner=self._any_owner)
+                host = Host.attach(name, wait=0.2, any_owner=self._any_owner)
             except HostTakenError as taken:
                 raise NotLeadingError(f"process {taken.pid} leads") from taken
             host.watch(WATCH)
@@ -106,12 +107,15 @@ class Lead:
         self._holds.clear(time.monotonic())
         if host is None:
             return
-        seen = self._monitor()
         with suppress(SjerkError, OSError):
-            if seen is not None:
-                seen.halt(timeout=0.0)  # the kernel takes it though this host leaves
+            self._watching.stop(quick=False)  # the kernel takes it though this host leaves
         with suppress(SjerkError, OSError):
             host.halt(timeout=0.0)
+        users, self._users = self._users, []
+        for end in users:  # nobody else may use the host when it is closed
+            end()
+        self._look_at_path("the lead is given back")
+        self._path = None
         with suppress(SjerkError, OSError):
             host.watch(None)
         with suppress(SjerkError, OSError):
@@ -124,10 +128,7 @@ class Lead:
         now = time.monotonic()
         quick = now - self._stopped < _AGAIN
         self._stopped = now
-        seen = self._monitor()
-        if seen is None:
-            raise NotLeadingError("no kernel runs")
-        (seen.quick_stop if quick else seen.halt)(timeout=0.0)
+        self._watching.stop(quick=quick)
         with self._lock:
             self._holds.clear(now)
         return "quick stop" if quick else "halt"
@@ -155,14 +156,36 @@ class Lead:
             if self._holds.release(axis) and self._browser == browser and self._host is not None:
                 self._host.halt(timeout=0.0, axes=[axis])
 
-    def play(self, browser: int, blocks: Blocks, *, speed: float = 1.0, hold: bool = False) -> Path:
-        """Execute a path; ``hold``: only while its button is held."""
+    def order(self, browser: int, work: Callable[[Host], object]) -> None:
+        """An order of the browser that leads; the host stays as long as it takes."""
+        with self._lock:
+            work(self.of(browser))
+
+    def use(self, end: Callable[[], None]) -> None:
+        """Call this before the host is closed: whoever uses it in a thread ends there."""
+        with self._lock:
+            self._users.append(end)
+
+    def play(
+        self,
+        browser: int,
+        blocks: Blocks,
+        *,
+        speed: float = 1.0,
+        hold: bool = False,
+        then: Callable[[str], None] | None = None,
+    ) -> Path:
+        """Execute a path; ``hold``: only while its button is held.
+
+        ``then`` is called once it is over: with "" at its end, else with the reason.
+        """
         with self._lock:
             host = self.of(browser)
             if self._holds.any:
                 raise NotLeadingError("a jog button is held")
+            self._look_at_path("another path is executed")
             path = host.follow(blocks)
-            self._path = path
+            self._path, self._then = path, then
             if speed != 1.0:
                 path.speed(speed)
             if hold:
@@ -201,6 +224,20 @@ class Lead:
         if path is not None and not path.state.ended and not path.paused:
             path.pause()
 
+    def _look_at_path(self, why: str = "") -> None:
+        """Tell once what has become of the path; ``why``: it is not waited for any longer."""
+        path, then = self._path, self._then
+        if path is None or then is None:
+            return
+        if not why and not path.state.ended:
+            return
+        self._then = None
+        try:
+            path.check()
+        except (SjerkError, OSError) as fault:
+            why = str(fault)
+        then("" if path.done else why)
+
     # ---- the dead-man's switch
 
     def _watch(self) -> None:
@@ -216,6 +253,7 @@ class Lead:
                     else:
                         self._pause()
                         self._tell("the held button gave no sign: at rest on the path")
+                self._look_at_path()
                 if not self._holds.any:
                     host.beat()  # nothing is held: this process' own life is enough
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 import subprocess
 import sys
+import tempfile
 import time
 import webbrowser
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -69,9 +70,9 @@ def run(order: Order, show: Callable[[dict[str, object]], None]) -> int:
             }
             started = "started" if child is not None else "found running"
             show({"kernel": kernel.name, "axes": len(kernel.axes), "it was": started, **links})
-            if order.open:
-                webbrowser.open(str(links.get("lead", links["view"])))
-            with suppress(KeyboardInterrupt):
+            with ExitStack() as opened, suppress(KeyboardInterrupt):
+                if order.open:
+                    opened.enter_context(_opened(str(links.get("lead", links["view"]))))
                 panel.run(order.seconds)
         finally:
             panel.close()
@@ -104,3 +105,16 @@ def _first(watching: Watching, child: subprocess.Popen[bytes] | None) -> Feedbac
             raise SegmentMissingError(f"no kernel {watching.name!r} runs")
         time.sleep(0.05)
     return feedback
+
+
+@contextmanager
+def _opened(link: str) -> Iterator[None]:
+    """Open the browser of this machine, by a file that only this user may read.
+
+    What a program is started with can be read by everybody on the machine.
+    """
+    with tempfile.NamedTemporaryFile("w", suffix=".html", prefix="sjerk-panel-") as file:
+        file.write(f'<meta http-equiv="refresh" content="0;url={link}">')
+        file.flush()
+        webbrowser.open(Path(file.name).as_uri())
+        yield

@@ -13,6 +13,7 @@ from typing import Any
 import viser
 
 from sjerk.errors import SjerkError
+from sjerk.host import Host
 from sjerk.ports.panel.desk import Desk
 from sjerk.ports.panel.door import Role
 from sjerk.ports.panel.jogging import JogTab
@@ -20,6 +21,9 @@ from sjerk.ports.panel.plan_tab import PlanTab
 from sjerk.ports.panel.playing import PlayTab
 from sjerk.ports.panel.scene_tab import SceneTab
 from sjerk.ports.panel.signals import Signals
+
+#: Seconds until drives must follow, or faults be reset.
+_PATIENCE = 3.0
 
 
 class Page:
@@ -87,6 +91,8 @@ class Page:
         """Run an order of this browser; what is refused is told in its page."""
         try:
             work()
+        except RuntimeError:  # of viser (server.py): the order is given, its answer may be late
+            return
         except (SjerkError, TimeoutError, OSError) as fault:
             self.say(str(fault), bad=True)
             self.desk.journal.tell(f"browser {self.browser}: {fault}", bad=True)
@@ -136,12 +142,16 @@ class Page:
             self.say("this browser leads")
 
     def _power(self) -> None:
-        host = self.desk.lead.of(self.browser)
-        order = {"Enable": host.enable, "Disable": host.disable, "Reset": host.reset}
+        orders: dict[str, Callable[[Host], object]] = {
+            "Enable": lambda host: host.enable(timeout=_PATIENCE),
+            "Disable": lambda host: host.disable(timeout=0.0),
+            "Reset": lambda host: host.reset(timeout=_PATIENCE),
+        }
+        answers = {"Enable": "drives follow", "Disable": "drives stop", "Reset": "faults are reset"}
         word = str(self.power.value)
-        if word in order:
-            order[word]()
-            self.say(f"drives: {word.lower()}d" if word != "Reset" else "faults are reset")
+        if word in orders:
+            self.desk.lead.order(self.browser, orders[word])
+            self.say(answers[word])
 
     def _download(self, name: str, data: bytes) -> None:
         self.client.send_file_download(name, data)

@@ -159,16 +159,25 @@ class PlanTab:
     def _executed(self, *, hold: bool = False) -> None:
         page, desk = self._page, self._desk
         proposal, agreed = desk.proposal, self._agreed
+        over, self._over = self._over, False
+        page.say("in motion")
         try:
-            path = desk.execute(page.browser, agreed=agreed, speed=self._speed.value, hold=hold)
+            desk.execute(
+                page.browser,
+                agreed=agreed,
+                speed=self._speed.value,
+                hold=hold,
+                then=self._ended,
+            )
         except AskAgainError:
-            self._agreed = proposal
+            self._agreed, self._over = proposal, over
             self._run.label = "Really: it collides"
             raise
-        self._agreed, self._over = None, False
+        except BaseException:
+            self._over = over
+            raise
+        self._agreed = None
         self._run.label = "Execute"
-        page.say("in motion")
-        desk.when_over(path, self._ended)
 
     def _ended(self, why: str) -> None:
         self._over = True

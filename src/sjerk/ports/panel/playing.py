@@ -153,6 +153,7 @@ class PlayTab:
         self._end()
         executor = TrajectoryExecutor(host, desk.names, on_result=self._over)
         self._executor = executor
+        desk.lead.use(executor.close)
         executor.change(
             execution_mode=str(self._mode.value),
             resampling_delta=number("delta", self._delta.value, 0.0, 1e6),
@@ -176,7 +177,7 @@ class PlayTab:
         self._goal.cancel()
 
     def _acknowledged(self) -> None:
-        self._desk.lead.of(self._page.browser).reset()
+        self._desk.lead.order(self._page.browser, lambda host: host.reset(timeout=1.0))
         self._page.say("errors are acknowledged")
 
     def _end(self) -> None:

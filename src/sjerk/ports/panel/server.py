@@ -11,6 +11,7 @@ import io
 import math
 import threading
 import time
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -30,6 +31,7 @@ from sjerk.ports.panel.watching import Watching
 
 #: Frames, plots and texts per second.
 FRAMES, PLOTS, TEXTS = 40.0, 10.0, 5.0
+_TRIES = 5
 
 
 class PanelServer:
@@ -50,7 +52,7 @@ class PanelServer:
         self.journal = Journal()
         self.watching = watching
         self.door = Door(lead=lead, tell=lambda what: self.journal.tell(what, bad=True))
-        self._lead = Lead(lambda: watching.monitor, self.journal.tell, any_owner)
+        self._lead = Lead(watching, self.journal.tell, any_owner=any_owner)
         self.desk = Desk(
             settings,
             watching,
@@ -98,11 +100,18 @@ class PanelServer:
         await asyncio.get_running_loop().run_in_executor(None, self._open, client, role)
 
     def _open(self, client: Any, role: Role) -> None:
-        self.journal.tell(f"browser {client.client_id} is here, to {role}")
-        with self._building, suppress(RuntimeError):  # one at a time enters a container
+        with self._building:  # one at a time enters a container
             board = self.board
-            page = Page(self.desk, client, role, now=board.now, signals=board.signals)
-            self._pages[client.client_id] = page
+            for _ in range(_TRIES):
+                try:
+                    page = Page(self.desk, client, role, now=board.now, signals=board.signals)
+                except RuntimeError:  # as in ``run``; or it has left already
+                    with suppress(RuntimeError):
+                        client.gui.reset()
+                    continue
+                self._pages[client.client_id] = page
+                break
+        self.journal.tell(f"browser {client.client_id} is here, to {role}")
 
     def _left(self, client: Any) -> None:
         self._pages.pop(client.client_id, None)
@@ -114,26 +123,34 @@ class PanelServer:
     def run(self, seconds: float = math.inf) -> None:
         """Follow the kernel until ``stop``, or so many seconds."""
         until = time.monotonic() + seconds
-        due = plots = texts = times = time.monotonic()
+        due = time.monotonic()
+        due_for = dict.fromkeys(("plots", "texts", "times"), due)
         while not self._end.is_set() and time.monotonic() < until:
             feedback = self.watching.feedback()
             now = time.monotonic()
-            if feedback is None:
-                self._again()
-            else:
-                with self.server.atomic():
-                    self.board.follow(feedback, self._preview(now))
-                if now >= plots:
-                    plots = now + 1.0 / PLOTS
-                    self._draw()
-                if now >= texts:
-                    texts = now + 1.0 / TEXTS
-                    self._tell(feedback)
-                if now >= times and self._pages:
-                    times = now + 1.0
-                    self.board.times(feedback, self._since)
+            # viser wakes its event loop from other threads without a lock: what fails then is only
+            # the waking, and the next message does it. Handles of a browser that has left fail too.
+            with suppress(RuntimeError):
+                if feedback is None:
+                    self._again()
+                else:
+                    self._show(feedback, now, due_for)
             due = max(due + 1.0 / FRAMES, time.monotonic())
             self._end.wait(due - time.monotonic())
+
+    def _show(self, feedback: Feedback, now: float, due_for: dict[str, float]) -> None:
+        """What is due: the arm always, plots, texts and histograms at their own rates."""
+        with self.server.atomic():
+            self.board.follow(feedback, self._preview(now))
+        if now >= due_for["plots"]:
+            due_for["plots"] = now + 1.0 / PLOTS
+            self._draw()
+        if now >= due_for["texts"]:
+            due_for["texts"] = now + 1.0 / TEXTS
+            self._tell(feedback)
+        if now >= due_for["times"] and self._pages:
+            due_for["times"] = now + 1.0
+            self.board.times(feedback, self._since)
 
     def stop(self) -> None:
         """End ``run``."""
@@ -152,7 +169,7 @@ class PanelServer:
 
     def _again(self) -> None:
         """The kernel has ended: nobody leads, and it is looked for."""
-        if self.watching.monitor is not None:
+        if self.watching.runs:
             self.journal.tell("the kernel has ended", bad=True)
             self._lead.lost()
             self.watching.lost()
@@ -188,12 +205,10 @@ class PanelServer:
             return
         self._each(_refreshed)
 
-    def _each(self, work: Any) -> None:
-        for browser, page in list(self._pages.items()):
-            try:
+    def _each(self, work: Callable[[Page], None]) -> None:
+        for page in list(self._pages.values()):
+            with suppress(RuntimeError):
                 work(page)
-            except RuntimeError:  # it has left meanwhile
-                self._pages.pop(browser, None)
 
 
 def _quiet() -> contextlib.redirect_stdout[io.StringIO]:

@@ -5,6 +5,7 @@ Never here: orders, pages.
 
 from __future__ import annotations
 
+import threading
 import time
 from contextlib import suppress
 
@@ -21,15 +22,40 @@ class Watching:
 
     def __init__(self, name: str, *, axes: int | None = None, any_owner: bool = False) -> None:
         self.name, self._axes, self._any_owner = name, axes, any_owner
+        self._lock = threading.RLock()  # no thread reads what another one closes
         self._monitor: Monitor | None = None
         self._trace: Trace | None = None
         self.scope: Scope | None = None
         self._next = 0.0
 
     @property
-    def monitor(self) -> Monitor | None:
-        """Of the kernel that runs now."""
-        return self._monitor
+    def runs(self) -> bool:
+        """Whether there is a kernel, as far as is known."""
+        return self._monitor is not None
+
+    @property
+    def host_pid(self) -> int | None:
+        """The process that is host now; None: nobody is."""
+        with self._lock:
+            return None if self._monitor is None else self._monitor.host_pid
+
+    def positions(self) -> list[float]:
+        """Where the kernel has its axes now; raises KernelGoneError."""
+        with self._lock:
+            if self._monitor is None:
+                raise KernelGoneError("no kernel runs")
+            return [axis.position for axis in self._monitor.feedback().axes]
+
+    def stop(self, *, quick: bool) -> None:
+        """Ask for a stop of all axes, whoever is host, and wait for nothing.
+
+        Raises KernelGoneError, SegmentOwnerError.
+        """
+        with self._lock:
+            if self._monitor is None:
+                raise KernelGoneError("no kernel runs")
+            order = self._monitor.quick_stop if quick else self._monitor.halt
+            order(timeout=0.0)
 
     def attach(self) -> Feedback | None:
         """Look for the kernel, some times a second; its feedback once it is there.
@@ -58,7 +84,8 @@ class Watching:
             )
         self._axes = len(feedback.axes)
         counts = [axis.counts_per_unit for axis in feedback.axes]
-        self._monitor, self._trace = monitor, trace
+        with self._lock:
+            self._monitor, self._trace = monitor, trace
         self.scope = Scope(counts, feedback.cycle_time)
         return feedback
 
@@ -87,10 +114,11 @@ class Watching:
 
     def lost(self) -> None:
         """Let go of a kernel that has ended."""
-        for one in (self._monitor, self._trace):
-            if one is not None:
-                with suppress(SjerkError):
-                    one.close()
-        self._monitor = self._trace = None
+        with self._lock:
+            for one in (self._monitor, self._trace):
+                if one is not None:
+                    with suppress(SjerkError):
+                        one.close()
+            self._monitor = self._trace = None
 
     close = lost

@@ -136,6 +136,8 @@ class Following:
     def _end_stream(self, player: StreamPlayer, now: float) -> None:
         """A stream whose goals have stopped to come ends at rest on the last of them."""
         try:
+            if not self._host.clocked:
+                player.update()  # with a kernel in a caller's own loop nothing else feeds it
             if now - self._came > 3.0 * self._value("stream.period"):
                 player.end()
             if player.done:
