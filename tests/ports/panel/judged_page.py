@@ -274,6 +274,7 @@ def test_trajectories_are_shown_resampled_and_played(seen: Seen, monitor: Monito
     arrives(seen, monitor, "ready")
     seen.tab("Trajectories")
     seen.choose("File", "wave.csv")
+    seen.choose("Joint", "panda_joint7")
     field = seen.page.get_by_label("Delta", exact=True).locator("visible=true").first
     field.fill("0.05")
     field.press("Enter")

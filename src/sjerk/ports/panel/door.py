@@ -191,8 +191,10 @@ class Door:
             "Sec-WebSocket-Key": key,
             "Origin": f"http://127.0.0.1:{port}",
         }
-        for headers in ({}, upgrade):
-            status, _, _ = _knock(port, "/", headers)
+        tell, self._tell = self._tell, None  # it is us
+        knocks = [_knock(port, "/", headers) for headers in ({}, upgrade)]
+        self._tell = tell
+        for status, _, _ in knocks:
             if status != http.HTTPStatus.FORBIDDEN:
                 raise DoorOpenError(f"the door is open (answer {status}): {_OTHER_KIND}")
         secret = next(iter(self._secrets))
