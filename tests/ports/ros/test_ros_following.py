@@ -114,6 +114,18 @@ def test_wrong_goals_are_refused_and_change_no_bit_of_the_motion(mode: str, seed
     assert len(benches[1].told) == refused
 
 
+def test_goals_that_come_after_a_gap_are_a_stream_again() -> None:
+    """A stream that was taken for ended comes to rest; what came meanwhile begins the next one."""
+    bench = Bench("stream")
+    for k in range(1, 16):
+        bench.goal([0.05 * k, -0.04 * k])
+        bench.step(0.5 if k in (5, 11) else 0.1)
+    bench.step(6.0)
+    assert bench.told == []
+    assert bench.following.counts["refused"] == 0
+    assert bench.position == pytest.approx([0.75, -0.6], abs=1e-12)
+
+
 def test_an_order_of_another_hand_ends_the_following() -> None:
     """After ``drop`` and a halt the motion rests, and the next goal moves again."""
     bench = Bench("track")
