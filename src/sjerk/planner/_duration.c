@@ -10,6 +10,7 @@
    look again, SYNC_ROUNDS times at most.
 
    Never here: the shortest plan (_plan.c), memory, clocks, statics, cycle time. */
+#include "base/_math.h" /* cube root */
 #include "planner/_internal.h"
 
 /* ---- one axis ---- */
@@ -220,7 +221,7 @@ static double sufficient_time(const task *t)
         return before + h / t->vmax + top;
     if (2 * q * q * a <= h)
         return before + q + sqrt(q * q + 4 * h / a);
-    return before + 4 * cbrt(h / (2 * j));
+    return before + 4 * cube_root(h / (2 * j));
 }
 
 /* Exactly `cycles` from a start within its limits, in seven phases: what nearly every axis needs that

@@ -4,9 +4,10 @@
  * looks at all their limits; a first look at its neighbours alone, which writes nothing, spares most.
  * docs/explanation/trajectories.md. Never here: allocation, time, layouts of memory.
  */
-#include <math.h> /* fabs, sqrt, cbrt, ceil */
+#include <math.h> /* fabs, sqrt, ceil */
 #include <stdint.h>
-#include <string.h> /* memcpy of rows */
+#include <string.h>     /* memcpy of rows */
+#include "base/_math.h" /* cube root */
 #include "trajectory/_following.h"
 #include "_follow.h" /* rows, and how they are solved */
 
@@ -82,7 +83,7 @@ static double used(const sj_follow *s, int64_t i, int as_time)
             a = larger(a, fabs(A));
             j = larger(j, fabs(J));
         }
-        u = as_time ? larger(v / vmax, larger(sqrt(a / amax), cbrt(j / jmax)))
+        u = as_time ? larger(v / vmax, larger(sqrt(a / amax), cube_root(j / jmax)))
                     : larger(v / vmax, larger(a / amax, j / jmax));
         if (!isfinite(u))
             return u;

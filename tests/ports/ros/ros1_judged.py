@@ -210,7 +210,7 @@ def test_hold_and_resume(arm: Arm) -> None:
     """On the path: it rests there and goes on."""
     goal = arm.send([[1.0, 0.0, 0.0]], [1.5])
     with monitor_of(arm.kernel) as monitor:
-        arm.moves()
+        until(lambda: monitor.feedback().axes[0].position > 0.05 * SCALE[0])
         hold = rospy.ServiceProxy("/arm/hold", SetBool)
         assert hold(True).success
         until(lambda: monitor.feedback().axes[0].velocity == 0.0)
@@ -275,7 +275,7 @@ def test_a_trajectory_by_topic_moves_and_one_without_points_stops(arm: Arm) -> N
         publisher.publish(way([[0.2, 0.0, 0.0]], [0.5]))
         until(lambda: monitor.feedback().axes[0].position == 0.2 * SCALE[0])
         publisher.publish(way([[1.0, 0.0, 0.0]], [8.0]))
-        until(lambda: monitor.feedback().moving)
+        until(lambda: monitor.feedback().axes[0].position > 0.21 * SCALE[0])
         publisher.publish(JointTrajectory(joint_names=NAMES))
         until(lambda: not monitor.feedback().moving)
         assert 0.2 * SCALE[0] < monitor.feedback().axes[0].position < SCALE[0]

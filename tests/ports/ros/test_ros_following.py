@@ -60,7 +60,7 @@ class Bench:
 
 @pytest.mark.parametrize("mode", ["interrupt", "stream", "track"])
 @given(st.integers(0, 2**32 - 1))
-@settings(max_examples=15)
+@settings(max_examples=6)
 def test_a_stream_of_goals_ends_on_the_last_within_the_limits(mode: str, seed: int) -> None:
     """Whatever the goals are within the range, in any order of names, with others besides."""
     draw = np.random.default_rng(seed)
@@ -85,7 +85,7 @@ def test_a_stream_of_goals_ends_on_the_last_within_the_limits(mode: str, seed: i
 
 @pytest.mark.parametrize("mode", ["interrupt", "stream", "track"])
 @given(st.integers(0, 2**32 - 1))
-@settings(max_examples=15)
+@settings(max_examples=6)
 def test_wrong_goals_are_refused_and_change_no_bit_of_the_motion(mode: str, seed: int) -> None:
     """Beside a bench that never got them: the same commands, cycle by cycle."""
     draw = np.random.default_rng(seed)
@@ -112,6 +112,18 @@ def test_wrong_goals_are_refused_and_change_no_bit_of_the_motion(mode: str, seed
             assert benches[0].position.tolist() == benches[1].position.tolist()
     assert benches[1].following.counts["refused"] == refused
     assert len(benches[1].told) == refused
+
+
+def test_goals_that_come_after_a_gap_are_a_stream_again() -> None:
+    """A stream that was taken for ended comes to rest; what came meanwhile begins the next one."""
+    bench = Bench("stream")
+    for k in range(1, 16):
+        bench.goal([0.05 * k, -0.04 * k])
+        bench.step(0.5 if k in (5, 11) else 0.1)
+    bench.step(6.0)
+    assert bench.told == []
+    assert bench.following.counts["refused"] == 0
+    assert bench.position == pytest.approx([0.75, -0.6], abs=1e-12)
 
 
 def test_an_order_of_another_hand_ends_the_following() -> None:
