@@ -60,17 +60,22 @@ def launched(kind: BrowserType) -> Browser:
 
 
 @contextmanager
-def mortal(browser: Browser) -> Iterator[tuple[Browser, list[int]]]:
-    """One more, which may be frozen or killed, and its processes."""
+def mortal(browser: Browser) -> Iterator[tuple[Browser, Callable[[signal.Signals], int]]]:
+    """One more, and what sends a signal to all its processes and tells how many there were."""
     before = set(processes())
     one = launched(browser.browser_type)
-    own = [pid for pid in processes() if pid not in before]
+
+    def die(by: signal.Signals) -> int:
+        own = [pid for pid in processes() if pid not in before]
+        for pid in own:
+            with suppress(ProcessLookupError):  # with the one before
+                os.kill(pid, by)
+        return len(own)
+
     try:
-        yield one, own
+        yield one, die
     finally:
-        for pid in [pid for pid in processes() if pid not in before]:
-            with suppress(ProcessLookupError):
-                os.kill(pid, signal.SIGKILL)
+        die(signal.SIGKILL)
         one.close()
 
 
