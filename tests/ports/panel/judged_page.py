@@ -203,41 +203,42 @@ def test_a_viewer_stops_and_gives_no_order(
         one.page.close()
 
 
-@pytest.mark.parametrize(
-    ("case", "sign"),
-    [("released", "+"), ("blur", "−"), ("hidden", "+"), ("loop", "−"), ("closed", "+")],
-)
+LETS_GO = {
+    "blur": "() => dispatchEvent(new Event('blur'))",
+    "hidden": """() => {
+        Object.defineProperty(document, 'hidden', {value: true, configurable: true});
+        document.dispatchEvent(new Event('visibilitychange'));
+        delete document.hidden;
+    }""",
+    "loop": """() => {
+        setTimeout(() => { const end = Date.now() + 4000; while (Date.now() < end); });
+    }""",
+}
+
+
 def test_a_jog_ends_with_its_hand(
-    browser: Browser, running: PanelProcess, monitor: Monitor, case: str, sign: str
+    browser: Browser, running: PanelProcess, monitor: Monitor
 ) -> None:
     """Let go, another window in front, a page in an endless loop, a page that is closed."""
     seen = Seen(browser, running.lead)
     seen.lead()
     seen.tab("Jog")
-    seen.hold(f"panda_joint1 {sign}", lambda: monitor.feedback().moving, "moves")
-    if case == "released":
-        picture(seen, "jog")
-        seen.page.mouse.up()
-    elif case == "blur":
-        seen.page.evaluate("() => dispatchEvent(new Event('blur'))")
-    elif case == "hidden":
-        seen.page.evaluate(
-            "() => { Object.defineProperty(document, 'hidden', {value: true});"
-            " document.dispatchEvent(new Event('visibilitychange')); }"
-        )
-    elif case == "loop":
-        seen.page.evaluate(
-            "() => setTimeout(() => { const end = Date.now() + 4000; while (Date.now() < end); })"
-        )
-    else:
-        seen.page.close()
-    until(lambda: at_rest(monitor), "at rest")
-    low, high = RANGES[0]
-    assert low + 0.01 < monitor.feedback().axes[0].position < high - 0.01
-    if case == "closed":
-        until(lambda: monitor.host_pid is None, "the lead is free")
-    else:
-        seen.page.close()
+    for number, case in enumerate(["released", *LETS_GO, "closed"]):
+        sign = "−" if number % 2 else "+"
+        seen.hold(f"panda_joint1 {sign}", lambda: monitor.feedback().moving, f"moves: {case}")
+        if case == "released":
+            picture(seen, "jog")
+            seen.page.mouse.up()
+        elif case == "closed":
+            seen.page.close()
+        else:
+            seen.page.evaluate(LETS_GO[case])
+        until(lambda: at_rest(monitor), f"at rest: {case}")
+        low, high = RANGES[0]
+        assert low + 0.01 < monitor.feedback().axes[0].position < high - 0.01, case
+        if case != "closed":
+            seen.page.mouse.up()
+    until(lambda: monitor.host_pid is None, "the lead is free")
 
 
 def test_trajectories_are_shown_resampled_and_played(seen: Seen, monitor: Monitor) -> None:
