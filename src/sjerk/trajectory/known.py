@@ -5,6 +5,8 @@ Never here: plans, control points, cycles that were handed out.
 
 from __future__ import annotations
 
+from copy import copy
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -42,6 +44,13 @@ class Known:
         self.speeds = False  # whether any velocity was given
         self.first, self.time = 1, time
         self.add(position, cycle, time, None)
+
+    def copy(self) -> Known:
+        """The same, with rows of its own."""
+        other = copy(self)
+        other._cycle, other._position = self._cycle.copy(), self._position.copy()
+        other._velocity = self._velocity.copy()
+        return other
 
     def add(
         self, position: FloatArray, cycle: float, time: float, velocity: FloatArray | None
@@ -96,20 +105,6 @@ class Known:
     def forget(self, cycle: float) -> None:
         """Those ahead are due after ``cycle``; of those passed keep some, for differences."""
         self.first = int(np.searchsorted(self.cycle, cycle, side="right"))
-
-    def nearest(self, position: FloatArray, scale: FloatArray) -> int:
-        """How many goals ahead lie before ``position`` (N,) on the way through them.
-
-        By the first of the lines between goals that is nearest, in units of ``scale`` (N,).
-        """
-        way = (self.position[self.first - 1 :] - position) / scale
-        begin, step = way[:-1], np.diff(way, axis=0)
-        if len(step) == 0:
-            return 0
-        length = np.maximum((step * step).sum(axis=1), 1e-300)
-        share = np.clip(-(begin * step).sum(axis=1) / length, 0.0, 1.0)
-        away = np.sqrt(((begin + share[:, None] * step) ** 2).sum(axis=1))
-        return int(np.argmax(away <= away.min() * (1.0 + 1e-6) + 1e-9))
 
     def trim(self, cycle: float) -> None:
         """Keep what is due from ``cycle`` on, and three that are passed."""
@@ -270,6 +265,12 @@ class Turns:
         self._going = going.astype(np.int64)
         self.sign, self.count = self._going.copy(), self.asked.copy()
         self._new: list[FloatArray] = []
+
+    def copy(self) -> Turns:
+        """The same, with counts of its own."""
+        other = copy(self)
+        other.asked, other._new = self.asked.copy(), list(self._new)
+        return other
 
     def add(self, goal: FloatArray) -> None:
         """A goal more; counted when that is needed."""
