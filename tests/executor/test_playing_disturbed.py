@@ -8,7 +8,6 @@ from typing import Any
 from unittest import mock
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -61,10 +60,12 @@ class Machine:
     @contextmanager
     def slow(self) -> Iterator[None]:
         """Whatever the player does takes time, in which the kernel goes on."""
-        with mock.patch.multiple(Host, feedback=self._then(Host.feedback)):
-            with mock.patch.multiple(GoalStream, take=self._then(GoalStream.take)):
-                with mock.patch.multiple(Path, splice=self._then(Path.splice)):
-                    yield
+        with (
+            mock.patch.object(Host, "feedback", self._then(Host.feedback)),
+            mock.patch.object(GoalStream, "take", self._then(GoalStream.take)),
+            mock.patch.object(Path, "splice", self._then(Path.splice)),
+        ):
+            yield
 
     def _then(self, real: Any) -> Any:
         def call(*args: Any, **options: Any) -> Any:

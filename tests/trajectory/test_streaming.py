@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from helpers.following_check import PANDA, T, recording_keeps, toppra_plan
-from helpers.stream_check import Array, Draw, drawn, judge, play
+from helpers.stream_check import Array, Draw, drawn, judge, play, run
 from sjerk import GoalStream, InputError, Limits, State, plan
 from sjerk.cli.demo import dips
 from sjerk.trajectory import read_recording, shipped_recording
@@ -470,3 +470,14 @@ def test_what_is_refused() -> None:
     stream.end()
     with pytest.raises(InputError, match="ended"):
         stream.push([0.5])
+
+
+@pytest.mark.parametrize("number", [2580, 6339])
+def test_a_motion_that_has_turned_before_its_goals_does_not_turn_back(number: int) -> None:
+    """Goals rest at a turn, and the motion turns before they do: there is no second turn."""
+    made = run(21, number)
+    assert made is not None
+    _, found, verdict, stream = made
+    assert found.done
+    assert verdict["turns"] <= 0
+    assert stream.report.reversals.max() == 0

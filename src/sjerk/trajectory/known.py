@@ -5,8 +5,6 @@ Never here: plans, control points, cycles that were handed out.
 
 from __future__ import annotations
 
-from copy import copy
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -47,7 +45,8 @@ class Known:
 
     def copy(self) -> Known:
         """The same, with rows of its own."""
-        other = copy(self)
+        other = Known.__new__(Known)
+        vars(other).update(vars(self))
         other._cycle, other._position = self._cycle.copy(), self._position.copy()
         other._velocity = self._velocity.copy()
         return other
@@ -150,17 +149,18 @@ class Known:
         moment: FloatArray,
         knots: int,
         given: FloatArray,
-        going: IntArray,
+        turns: Turns,
         resolution: FloatArray,
         *,
         final: bool,
     ) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
         """The sign of each first difference of control points (N, knots), and where it may turn.
 
-        ``moment`` (g,) of the goals, in knots; ``given`` (N, 3): the last control points, ``going``
-        (N,): their sign. ``resolution`` (N,): turns below it are none. ``final``: a plan must end
-        on the last goal.
+        ``moment`` (g,) of the goals, in knots; ``given`` (N, 3): the last control points, ``turns``:
+        of what was handed out. ``resolution`` (N,): turns below it are none. ``final``: a plan must
+        end on the last goal.
         """
+        going = turns.sign
         centre, begin = np.arange(knots) + 1.5, self.first - 1
         found = np.repeat(going.astype(np.int32)[:, None], knots, axis=1)
         turning = np.zeros((len(given), knots), dtype=np.bool_)
@@ -173,6 +173,9 @@ class Known:
             else:  # from the last of equal goals on
                 begin = int(np.argmax(steps[:, j] != 0.0)) if up[j] or down[j] else 0
                 pieces = [(1 if up[j] else -1, begin)] if up[j] or down[j] else []
+            early = len(pieces) > 1 and pieces[1][0] == going[j]
+            if early and len(pieces) > turns.left()[j]:  # it has turned before goals do
+                del pieces[0]
             for i, (sign, one) in enumerate(pieces):
                 found[j, centre >= (at[one] if going[j] or i else -np.inf)] = sign
                 if i or (going[j] and going[j] != sign):
@@ -268,7 +271,8 @@ class Turns:
 
     def copy(self) -> Turns:
         """The same, with counts of its own."""
-        other = copy(self)
+        other = Turns.__new__(Turns)
+        vars(other).update(vars(self))
         other.asked, other._new = self.asked.copy(), list(self._new)
         return other
 
@@ -299,6 +303,11 @@ class Turns:
         """Turns of the motion that the goals do not have (N,)."""
         self.look()
         return np.asarray(np.maximum(self.count - self.asked, 0))
+
+    def left(self) -> IntArray:
+        """Turns of the goals that the motion has not made (N,); negative: it made more."""
+        self.look()
+        return np.asarray(self.asked - self.count)
 
     def kept(self, direction: NDArray[np.int32], steps: FloatArray) -> bool:
         """Whether these steps (N, n) turn no more often than the goals, or than directions do."""

@@ -221,7 +221,7 @@ class StreamPlanner:
             moment,
             knots,
             given,
-            self.turns.sign,
+            self.turns,
             np.maximum(RESOLUTION * horizon.velocity, 2.5 * self._noise),
             final=self._within or self.ended,
         )

@@ -147,7 +147,8 @@ class GoalStream:
 
     def copy(self) -> GoalStream:
         """Another one in the same state; what becomes of one of them is nothing to the other."""
-        other = copy(self)
+        other = GoalStream.__new__(GoalStream)
+        vars(other).update(vars(self))
         other._horizon = copy(self._horizon)  # its arrays are replaced, never changed
         other._planner = self._planner.copy(other._horizon)
         other._told = copy(self._told)
