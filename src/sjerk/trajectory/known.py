@@ -156,7 +156,7 @@ class Known:
     ) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
         """The sign of each first difference of control points (N, knots), and where it may turn.
 
-        ``moment`` (g,) of the goals, in knots; ``given`` (N, 3): the last control points, ``turns``:
+        ``moment`` (g,) of the goals, in knots; ``given`` (N, 3): the last control points; ``turns``
         of what was handed out. ``resolution`` (N,): turns below it are none. ``final``: a plan must
         end on the last goal.
         """
