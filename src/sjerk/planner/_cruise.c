@@ -23,12 +23,19 @@ static int with_cruise(const task *t, double cruise, double wait, path *x)
     return 1;
 }
 
+/* Whether the ramp up to V_max keeps the sign of the acceleration: beyond what zero on a node costs. */
+static int keeps_its_sign(const task *t)
+{
+    double n = whole(t->a0 / t->ju);
+    return t->a0 > 0 && t->vmax - t->v0 >= n * (t->a0 - n * t->ju / 2) + (t->a0 - n * t->ju) / 2;
+}
+
 /* From a start that is within its limits, to the target; 0 where there is no cycle of that cruise. */
 static int by_exact_cruise(task *t, sj_plan *p)
 {
     path x, y;
     double top = t->vmax, more = 1;
-    if (t->ju != t->jd && t->a0 != 0)
+    if (t->ju != t->jd && t->a0 != 0 && !keeps_its_sign(t))
         sj_end_acceleration(t, p);
     if (!with_cruise(t, 0, 0, &x))
         return 0;
