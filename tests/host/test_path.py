@@ -538,6 +538,31 @@ def test_a_splice_that_comes_too_late_is_refused() -> None:
     assert path.state in (PathState.STOPPED, PathState.DONE)
 
 
+def test_a_path_goes_on_where_the_refusal_is_seen_before_its_feeder() -> None:
+    """In a process: splices too late, their state looked at without a pause; the path ends."""
+    limits = [Limits(2.0, 20.0, 500.0)]
+    q = _wave(700, 1, 0.005, 0.02)
+    blocks = list(follow(Trajectory(["a"], 0.005 * np.arange(700), q), limits, T))
+    with MotionKernel([Axis(limits[0], 1e6)], T) as kernel, kernel.host() as host:
+        host.enable()
+        path, refused = host.follow(blocks), 0
+        while not path.state.ended and refused < 5:
+            at = path.progress.point + 1
+            try:
+                new = path.splice(_from(blocks, at - 1), at)
+            except InputError:  # passed, or the path before has not taken back its segments yet
+                continue
+            while new.state is PathState.SENT:
+                pass
+            if new.state is PathState.REFUSED:
+                refused += 1
+            else:
+                path = new
+        path.wait(60.0)
+        assert refused
+        assert host.feedback().axes[0].position == q[-1, 0]
+
+
 def test_a_splice_whose_segments_do_not_come_leaves_the_path_within_the_limits() -> None:
     """What is left is shorter than any stop on the path: each axis halts, told, jerk-limited."""
     q = _wave(60, 2, 0.1, 0.5)

@@ -31,7 +31,15 @@ def busy(over: multiprocessing.synchronize.Event) -> None:
         sum(range(100_000))
 
 
-def one(number: int, *, stop_within: bool) -> dict[str, float]:
+def one(number: int, *, stop_within: bool) -> dict[str, float] | str:
+    """What was found, or what a run was ended by: errors do not cross processes."""
+    try:
+        return played(number, stop_within=stop_within)
+    except Exception as error:
+        return f"{type(error).__name__}: {error}"
+
+
+def played(number: int, *, stop_within: bool) -> dict[str, float]:
     """A kernel and a stream; what was found."""
     recording = read_recording(shipped_recording())
     start, end = float(recording.position[0]), float(recording.position[-1])
@@ -73,11 +81,15 @@ def main() -> int:
     for process in load:
         process.start()
     found: list[dict[str, float]] = []
-    told = time.monotonic()
+    told, failed = time.monotonic(), 0
     try:
         with spawn.Pool(options.jobs) as pool:
             job = partial(one, stop_within=not options.trust)
             for row in pool.imap_unordered(job, range(options.runs)):
+                if isinstance(row, str):
+                    failed += 1
+                    print(f"a run failed: {row}", flush=True)
+                    continue
                 found.append(row)
                 if time.monotonic() - told > 10.0:
                     told = time.monotonic()
@@ -90,7 +102,8 @@ def main() -> int:
     outside = sum(row["over"] > 1 + 1e-9 for row in found)
     elsewhere = sum(bool(row["end"]) for row in found)
     print(
-        f"{len(found)} runs: went back {back}, left a limit {outside}, ended elsewhere {elsewhere}"
+        f"{len(found) + failed} runs: went back {back}, left a limit {outside}, "
+        f"ended elsewhere {elsewhere}, failed {failed}"
     )
     for name, form in (
         ("left out", "cycles left out by the clock: median {:.1%}, p90 {:.1%}, worst {:.1%}"),
@@ -98,7 +111,7 @@ def main() -> int:
         ("not recorded", "cycles not recorded: median {:.0f}, p90 {:.0f}, worst {:.0f}"),
     ):
         print(form.format(*np.percentile([row[name] for row in found], [50, 90, 100])))
-    return int(back + outside + elsewhere > 0)
+    return int(back + outside + elsewhere + failed > 0)
 
 
 if __name__ == "__main__":

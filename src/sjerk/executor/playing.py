@@ -11,7 +11,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
@@ -33,9 +33,9 @@ class StreamPlayer:
     ``axes``: one per joint, else all, which must be at rest. ``ahead`` (s): how long before it is
     due a piece is planned and sent; it is added to the delay as a margin. With a kernel in a
     process a thread feeds it; in a caller's own loop ``update`` must be called every few cycles.
-    Where it is held up the motion follows its plan, which ends at rest, and is planned on from
-    where it is then. Time is the clock's: cycles that the kernel leaves out are a lag, and made up.
-    Of axes that wrap the first goal chooses the turn: the one that is nearest.
+    Where it is held up the motion follows its plan, which ends at rest; the next piece takes over
+    further on along it. Time is the clock's: cycles that the kernel leaves out are a lag, and made
+    up. Of axes that wrap the first goal chooses the turn: the one that is nearest.
     """
 
     def __init__(
@@ -51,10 +51,14 @@ class StreamPlayer:
         tolerance: ArrayLike | None = None,
         axes: Sequence[int] | None = None,
     ) -> None:
-        """Raises InputError."""
+        """Raises InputError, also where an axis is in motion."""
         self._host, self._T = host, host.cycle_time
         self._axes = joint_axes(axes, host.axis_count)
         frame = host.feedback()
+        for i in self._axes:
+            if frame.axes[i].moving:
+                speed = frame.axes[i].velocity
+                raise InputError("axes", i, f"must be at rest to begin a stream, not at {speed!r}")
         self._limits: list[Limits] = [frame.axes[i].limits for i in self._axes]
         self._start = np.array([frame.axes[i].position for i in self._axes])
         self._turn = np.array([frame.axes[i].wrap for i in self._axes])
@@ -72,14 +76,12 @@ class StreamPlayer:
             tolerance=tolerance,
         )
         self._ahead = max(2, round(ahead / self._T))
-        self._path: Path | None = None
-        self._ends: list[int] = []  # stream's cycles at the way-points of the path, from its first
+        self._sent: _Sent | None = None  # in play, or about to begin
+        self._next: _Sent | None = None  # to take over, until the kernel has answered
+        self._trial: GoalStream | None = None  # the stream where it does
         self._begin = 0  # the stream's cycle at which the path begins
-        self._firm = 0  # way-points of the path before the plan to rest
         self._clock_begin = frame.cycle + frame.timing.late
         self._told = 0  # cycles by which the stream knows that it is behind the clock
-        self._replaced: Path | None = None
-        self._lost = False
         self._lock = threading.RLock()
         self._over = threading.Event()
         self._error: SjerkError | None = None
@@ -115,13 +117,21 @@ class StreamPlayer:
                 turns = np.zeros(len(goal))
                 np.divide(self._start - goal, self._turn, out=turns, where=wraps)
                 shift = np.round(turns) * self._turn
-            self._stream.push(goal + shift, time, velocity=velocity)
+            for stream in self._streams():
+                stream.check(goal + shift, time, velocity=velocity)
+            for stream in self._streams():
+                stream.push(goal + shift, time, velocity=velocity)
             self._shift = shift
 
     def end(self) -> None:
         """No goal comes any more: the motion ends at rest on the last one."""
         with self._lock:
-            self._stream.end()
+            for stream in self._streams():
+                stream.end()
+
+    def _streams(self) -> list[GoalStream]:
+        """As it is, and as it will be if the kernel takes the piece that was sent."""
+        return [self._stream] if self._trial is None else [self._stream, self._trial]
 
     @property
     def report(self) -> StreamReport:
@@ -133,8 +143,8 @@ class StreamPlayer:
         """Whether the stream was ended and the command rests on its last goal."""
         self._check()
         with self._lock:
-            over = self._path is None or self._path.state is PathState.DONE
-            return self._stream.done and over
+            over = self._sent is None or self._sent.path.state is PathState.DONE
+            return self._stream.done and over and self._next is None
 
     def wait(self, timeout: float | None = None) -> None:
         """Return when ``done``; raises TimeoutError, and what ended the motion."""
@@ -164,101 +174,118 @@ class StreamPlayer:
             frame = self._host.feedback()
             # the kernel's clock: cycles that it left out are time too
             now = frame.cycle + frame.timing.late - self._clock_begin - self._told
-            if self._path is not None and not self._lost:
-                behind = now - self._played()
+            if self._sent is not None:
+                behind = now - self._played(self._sent)
                 if behind > 0:
-                    self._stream.skipped(behind)
+                    for stream in self._streams():
+                        stream.skipped(behind)
                     self._told += behind
-            refused = self._path is not None and self._path.state is PathState.REFUSED
-            if refused and self._replaced is not None and not self._lost:
-                self._lose()
-            if self._lost:
-                if any(frame.axes[i].moving for i in self._axes):
-                    return
-                self._lost, self._path = False, None
-                self._stream.rested([frame.axes[i].position for i in self._axes], now)
-                return
-            if self._path is not None and not self._host.clocked:
-                self._path.pump()
-            if self._path is not None and self._path.state.ended:
-                if self._path.state is not PathState.DONE:
-                    self._path.check()
-                self._stream.keep(self._begin + self._ends[-1])
-                self._path = None
-            if self._path is None:
+                self._sent = self._in_play(self._sent)
+            if self._sent is None:
                 self._from_rest(now)
-                return
-            if self._played() + self._ahead >= self._begin + self._ends[self._firm - 1]:
-                self._go_on()
+            elif self._next is None and (
+                self._played(self._sent) + self._ahead >= self._begin + self._sent.firm_end
+            ):
+                self._go_on(self._sent)
 
-    def _played(self) -> int:
+    def _in_play(self, sent: _Sent) -> _Sent | None:
+        """What is, by the kernel's answers; None once that has come to its rest.
+
+        Raises what ended the motion.
+        """
+        if not self._host.clocked:
+            sent.path.pump()
+            if self._next is not None:
+                self._next.path.pump()
+        if self._next is not None:
+            if self._next.path.state is PathState.SENT:
+                return sent
+            before = sent.path.state
+            if before is PathState.DONE or not before.ended:  # too late: that goes on
+                if not self._host.clocked:
+                    self._next.path.pump()  # which gives back what it has taken
+            else:
+                assert self._trial is not None
+                sent, self._stream = self._next, self._trial
+            self._next = self._trial = None
+        if not sent.path.state.ended:
+            return sent
+        if sent.path.state is not PathState.DONE:
+            sent.path.check()
+        self._stream.keep(self._begin + sent.ends[-1])
+        return None
+
+    def _played(self, sent: _Sent) -> int:
         """The stream's cycle of the present command."""
-        # until the kernel has answered, and where it refuses, the path before is played
-        paths = (self._path, self._replaced, self._path)
-        told = (path.progress for path in paths if path is not None)
-        progress = next((one for one in told if one.point > 0), None)
-        if progress is None:
-            return self._begin
-        point = min(progress.point, len(self._ends))
-        before = self._ends[point - 2] if point > 1 else 0
-        return self._begin + before + round(progress.time / self._T)
+        for one in (sent, self._next):  # the kernel may have gone over between the two looks
+            progress = None if one is None else one.path.progress
+            if one is not None and progress is not None and progress.point > 0:
+                before = one.ends[progress.point - 2] if progress.point > 1 else 0
+                return self._begin + before + round(progress.time / self._T)
+        return self._begin
 
     def _from_rest(self, now: int) -> None:
-        if now > self._stream.cycle:
-            made = self._stream.take(now)
-            if not any(self._moves(block) for block in made):
-                return
-        else:
+        if now <= self._stream.cycle:
             return
-        first = next(i for i, block in enumerate(made) if self._moves(block))
+        made = self._stream.take(now)
+        first = next((i for i, block in enumerate(made) if block.jerk.any()), None)
+        if first is None:
+            return
         blocks = made[first:]
         enough = blocks[0].first_cycle + 2 * self._ahead
         if self._stream.cycle < enough and not self._stream.done:
             blocks += self._stream.take(enough)
-        self._begin, self._ends = blocks[0].first_cycle, []
-        self._replaced = None
-        self._path = self._host.follow(self._with_rest(blocks, 0), axes=self._axes)
+        self._begin = blocks[0].first_cycle
+        pieces, ends, firm = _with_rest(self._stream, blocks, [])
+        self._sent = _Sent(self._host.follow(pieces, axes=self._axes), ends, firm)
 
-    def _go_on(self) -> None:
+    def _go_on(self, sent: _Sent) -> None:
         """Replace the plan to rest by the next piece and another such plan."""
-        assert self._path is not None
-        until = self._played() + self._ahead
-        self._firm += self._stream.keep(until - self._ahead // 2)
-        if self._firm == len(self._ends):  # it comes to rest
+        until = self._played(sent) + self._ahead
+        sent.firm += self._stream.keep(until - self._ahead // 2)
+        if sent.firm == len(sent.ends):  # it comes to rest
             return
-        made = self._stream.take(max(self._stream.cycle, until) + 1)
+        trial = self._stream.copy()
+        made = trial.take(max(trial.cycle, until) + 1)
         if not made:
             return
-        self._ends = self._ends[: self._firm]
-        at = self._firm + 1
-        before = self._path
+        pieces, ends, firm = _with_rest(trial, made, sent.ends[: sent.firm])
         try:
-            self._path = before.splice(self._with_rest(made, self._firm), at)
-            self._replaced = before
-        except InputError:
-            self._replaced = before
-            self._lose()
+            path = sent.path.splice(pieces, sent.firm + 1)
+        except InputError:  # passed meanwhile: further on then
+            return
+        self._next, self._trial = _Sent(path, ends, firm), trial
 
-    def _lose(self) -> None:
-        """Too late for the next piece: come to rest, then go on from there."""
-        assert self._path is not None
-        assert self._replaced is not None
-        self._path.cancel()
-        self._replaced.cancel()
-        self._lost = True
 
-    def _moves(self, block: Followed) -> bool:
-        return bool(block.jerk.any())
+@dataclass
+class _Sent:
+    """A path; ``ends``: cycles at its way-points, from its first one.
 
-    def _with_rest(self, blocks: list[Followed], first: int) -> list[Followed]:
-        """Numbered from way-point ``first`` of the path on; the plan to rest behind."""
-        self._firm = first + sum(len(block) for block in blocks)
-        found = []
-        cycle = self._ends[-1] if self._ends else 0
-        for block in [*blocks, *self._stream.remainder()]:
-            found.append(replace(block, first=first, first_cycle=cycle))
-            for cycles in block.cycles.tolist():
-                cycle += int(cycles)
-                self._ends.append(cycle)
-            first += len(block)
-        return found
+    ``firm``: its way-points before the plan to rest.
+    """
+
+    path: Path
+    ends: list[int]
+    firm: int
+
+    @property
+    def firm_end(self) -> int:
+        """Cycles before the plan to rest."""
+        return self.ends[self.firm - 1]
+
+
+def _with_rest(
+    stream: GoalStream, blocks: list[Followed], before: list[int]
+) -> tuple[list[Followed], list[int], int]:
+    """Numbered from way-point ``len(before)`` of the path on; the plan to rest behind.
+
+    And the ends of all way-points, and how many come before that plan.
+    """
+    first, ends, found = len(before), list(before), []
+    firm = first + sum(len(block) for block in blocks)
+    for block in [*blocks, *stream.remainder()]:
+        found.append(replace(block, first=first, first_cycle=ends[-1] if ends else 0))
+        for cycles in block.cycles.tolist():
+            ends.append((ends[-1] if ends else 0) + int(cycles))
+        first += len(block)
+    return found, ends, firm

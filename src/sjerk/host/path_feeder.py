@@ -160,6 +160,9 @@ class PathFeeder:
         try:
             while not self._goal.closed.is_set() and not self.pump() and not self._is_over():
                 self._goal.closed.wait(1e-3)
+            with self.lock:  # another one may have seen the refusal first, and closed the goal
+                if not self._link.closed:
+                    self._is_refused()
         except BaseException as error:
             if self.error is None:
                 self._fail(error)

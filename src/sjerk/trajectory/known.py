@@ -43,6 +43,14 @@ class Known:
         self.first, self.time = 1, time
         self.add(position, cycle, time, None)
 
+    def copy(self) -> Known:
+        """The same, with rows of its own."""
+        other = Known.__new__(Known)
+        vars(other).update(vars(self))
+        other._cycle, other._position = self._cycle.copy(), self._position.copy()
+        other._velocity = self._velocity.copy()
+        return other
+
     def add(
         self, position: FloatArray, cycle: float, time: float, velocity: FloatArray | None
     ) -> None:
@@ -97,20 +105,6 @@ class Known:
         """Those ahead are due after ``cycle``; of those passed keep some, for differences."""
         self.first = int(np.searchsorted(self.cycle, cycle, side="right"))
 
-    def nearest(self, position: FloatArray, scale: FloatArray) -> int:
-        """How many goals ahead lie before ``position`` (N,) on the way through them.
-
-        By the first of the lines between goals that is nearest, in units of ``scale`` (N,).
-        """
-        way = (self.position[self.first - 1 :] - position) / scale
-        begin, step = way[:-1], np.diff(way, axis=0)
-        if len(step) == 0:
-            return 0
-        length = np.maximum((step * step).sum(axis=1), 1e-300)
-        share = np.clip(-(begin * step).sum(axis=1) / length, 0.0, 1.0)
-        away = np.sqrt(((begin + share[:, None] * step) ** 2).sum(axis=1))
-        return int(np.argmax(away <= away.min() * (1.0 + 1e-6) + 1e-9))
-
     def trim(self, cycle: float) -> None:
         """Keep what is due from ``cycle`` on, and three that are passed."""
         less = min(int(np.searchsorted(self.cycle, cycle)), self.first - 3)
@@ -155,17 +149,18 @@ class Known:
         moment: FloatArray,
         knots: int,
         given: FloatArray,
-        going: IntArray,
+        turns: Turns,
         resolution: FloatArray,
         *,
         final: bool,
     ) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
         """The sign of each first difference of control points (N, knots), and where it may turn.
 
-        ``moment`` (g,) of the goals, in knots; ``given`` (N, 3): the last control points, ``going``
-        (N,): their sign. ``resolution`` (N,): turns below it are none. ``final``: a plan must end
-        on the last goal.
+        ``moment`` (g,) of the goals, in knots; ``given`` (N, 3): the last control points; ``turns``
+        of what was handed out. ``resolution`` (N,): turns below it are none. ``final``: a plan must
+        end on the last goal.
         """
+        going = turns.sign
         centre, begin = np.arange(knots) + 1.5, self.first - 1
         found = np.repeat(going.astype(np.int32)[:, None], knots, axis=1)
         turning = np.zeros((len(given), knots), dtype=np.bool_)
@@ -178,6 +173,9 @@ class Known:
             else:  # from the last of equal goals on
                 begin = int(np.argmax(steps[:, j] != 0.0)) if up[j] or down[j] else 0
                 pieces = [(1 if up[j] else -1, begin)] if up[j] or down[j] else []
+            early = len(pieces) > 1 and pieces[1][0] == going[j]
+            if early and len(pieces) > turns.left()[j]:  # it has turned before goals do
+                del pieces[0]
             for i, (sign, one) in enumerate(pieces):
                 found[j, centre >= (at[one] if going[j] or i else -np.inf)] = sign
                 if i or (going[j] and going[j] != sign):
@@ -271,6 +269,13 @@ class Turns:
         self.sign, self.count = self._going.copy(), self.asked.copy()
         self._new: list[FloatArray] = []
 
+    def copy(self) -> Turns:
+        """The same, with counts of its own."""
+        other = Turns.__new__(Turns)
+        vars(other).update(vars(self))
+        other.asked, other._new = self.asked.copy(), list(self._new)
+        return other
+
     def add(self, goal: FloatArray) -> None:
         """A goal more; counted when that is needed."""
         self._new.append(goal)
@@ -298,6 +303,11 @@ class Turns:
         """Turns of the motion that the goals do not have (N,)."""
         self.look()
         return np.asarray(np.maximum(self.count - self.asked, 0))
+
+    def left(self) -> IntArray:
+        """Turns of the goals that the motion has not made (N,); negative: it made more."""
+        self.look()
+        return np.asarray(self.asked - self.count)
 
     def kept(self, direction: NDArray[np.int32], steps: FloatArray) -> bool:
         """Whether these steps (N, n) turn no more often than the goals, or than directions do."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -81,6 +82,13 @@ class StreamPlanner:
             -math.inf,
             np.zeros(len(own)),
         )  # of the last goal so far; how far it goes on
+
+    def copy(self, horizon: Horizon) -> StreamPlanner:
+        """Another one in the same state, for that horizon."""
+        other = copy(self)
+        other.horizon = horizon
+        other.known, other.turns = self.known.copy(), self.turns.copy()
+        return other
 
     def plan(self, cycle: float) -> tuple[Plan | None, int]:
         """The plan of the knot that begins in ``cycle``; None: the one before stands.
@@ -213,7 +221,7 @@ class StreamPlanner:
             moment,
             knots,
             given,
-            self.turns.sign,
+            self.turns,
             np.maximum(RESOLUTION * horizon.velocity, 2.5 * self._noise),
             final=self._within or self.ended,
         )

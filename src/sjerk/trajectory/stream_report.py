@@ -52,12 +52,15 @@ class Ledger:
         self._starved += out and not self._starving
         self._starving = out
 
-    def passing(self, goals: int, off: FloatArray, lag: float) -> None:
-        """So many goals are passed, ``off`` (goals, N), with this lag (s)."""
-        self._passed += goals
+    def passing(self, off: FloatArray, lag: float) -> None:
+        """Goals are passed, ``off`` (goals, N), with this lag (s)."""
         self._deviation = np.maximum(self._deviation, np.abs(off).max(axis=0, initial=0.0))
         self._lag = max(0.0, lag)
         self._worst = max(self._worst, self._lag)
+
+    def ahead(self, goals: int) -> None:
+        """So many are not passed yet; one that is stays so."""
+        self._passed = max(self._passed, self.goals - goals)
 
     def rests(self, gap: FloatArray) -> None:
         """So far from the last goal (N,), where goals have run out."""

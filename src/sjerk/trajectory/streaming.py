@@ -10,6 +10,7 @@ a clock. Never here: shared memory, drives.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -144,7 +145,22 @@ class GoalStream:
         self._through = 0  # so many goals were known in the last plan
         self._told = Ledger(n)
 
+    def copy(self) -> GoalStream:
+        """Another one in the same state; what becomes of one of them is nothing to the other."""
+        other = GoalStream.__new__(GoalStream)
+        vars(other).update(vars(self))
+        other._horizon = copy(self._horizon)  # its arrays are replaced, never changed
+        other._planner = self._planner.copy(other._horizon)
+        other._told = copy(self._told)
+        return other
+
     # ---- what comes in
+
+    def check(
+        self, position: ArrayLike, time: float | None = None, *, velocity: ArrayLike | None = None
+    ) -> None:
+        """Raise what ``push`` would; takes nothing."""
+        self._goal(position, time, velocity)
 
     def push(
         self, position: ArrayLike, time: float | None = None, *, velocity: ArrayLike | None = None
@@ -157,22 +173,8 @@ class GoalStream:
         finite, outside the position limits, times that do not increase, or lie more than
         ``FURTHEST`` periods beyond the newest goal and what was handed out; an ended stream.
         """
-        if self._planner.ended:
-            raise InputError("position", position, "the stream was ended")
-        goal = self._row("position", position)
-        speed = None if velocity is None else self._row("velocity", velocity)
-        for j, range_ in self._ranges:
-            if not range_[0] <= goal[j] <= range_[1]:
-                name = f"position of {self._names[j]}"
-                raise InputError(name, float(goal[j]), f"must lie in {range_}")
+        goal, at, speed = self._goal(position, time, velocity)
         known = self._planner.known
-        at = known.time + self._period if time is None else real("time", time)
-        if self._told.goals and not at > known.time:
-            raise InputError("time", time, f"must be after {known.time}")
-        idle = max(self._cycle + self._behind - known.last_cycle, 0) * self._T
-        most = known.time + idle + FURTHEST * self._period
-        if not self._first and at > most * (1.0 + 1e-12):
-            raise InputError("time", time, f"must be at most {most!r}: {FURTHEST} periods ahead")
         if self._first or (time is None and self._waiting()):
             self._first = False
             due = float(self._cycle + self._behind)
@@ -191,31 +193,31 @@ class GoalStream:
         self._arriving = 0
         self._planner.turns.add(goal)
 
+    def _goal(
+        self, position: ArrayLike, time: float | None, velocity: ArrayLike | None
+    ) -> tuple[FloatArray, float, FloatArray | None]:
+        """Position, time and velocity of a goal that may be taken."""
+        if self._planner.ended:
+            raise InputError("position", position, "the stream was ended")
+        goal = self._row("position", position)
+        speed = None if velocity is None else self._row("velocity", velocity)
+        for j, range_ in self._ranges:
+            if not range_[0] <= goal[j] <= range_[1]:
+                name = f"position of {self._names[j]}"
+                raise InputError(name, float(goal[j]), f"must lie in {range_}")
+        known = self._planner.known
+        at = known.time + self._period if time is None else real("time", time)
+        if self._told.goals and not at > known.time:
+            raise InputError("time", time, f"must be after {known.time}")
+        idle = max(self._cycle + self._behind - known.last_cycle, 0) * self._T
+        most = known.time + idle + FURTHEST * self._period
+        if not self._first and at > most * (1.0 + 1e-12):
+            raise InputError("time", time, f"must be at most {most!r}: {FURTHEST} periods ahead")
+        return goal, at, speed
+
     def end(self) -> None:
         """No goal comes any more: the motion ends at rest on the last one."""
         self._planner.ended = True
-
-    def rested(self, position: ArrayLike, cycle: int) -> None:
-        """Go on from rest elsewhere, in ``cycle``: what was handed out was not played to its end.
-
-        Counts as starved; the goals ahead are late, and passed later. Raises InputError.
-        """
-        at, known = self._row("position", position), self._planner.known
-        self._look()
-        self._horizon.rest(at)
-        self._cycle = max(self._cycle, cycle)
-        self._told.starve(True)
-        self._arriving, self._begin = 0, self._cycle
-        passed = known.nearest(at, self._horizon.velocity)  # by what was played beyond
-        known.first += passed
-        if passed:
-            lag = (self._cycle - float(known.cycle[known.first - 1])) * self._T
-            self._told.passing(passed, np.zeros((0, len(at))), lag)
-        known.cycle[: known.first] = np.minimum(known.cycle[: known.first], self._cycle)
-        known.position[known.first - 1] = at
-        self._first = known.first == len(known)
-        if not self._first:
-            self._lag_to(float(known.cycle[known.first - 1]), float(known.cycle[known.first]))
 
     def skipped(self, cycles: int) -> None:
         """So many cycles of the clock were left out: goals are due as much earlier."""
@@ -283,10 +285,11 @@ class GoalStream:
         begun, horizon, known = self._segments, self._horizon, self._planner.known
         new = len(known) - (self._told.goals - self._through)  # the first goal it does not know
         while self._cycle < cycle and not (horizon.resting and not horizon.knot.moving):
-            if new < len(known):  # that is not passed by it
-                then = self._cycle + 0.5 + float(horizon.ahead(1)[1]) * self._m
-                more = then - float(known.cycle[new]) + 1e-6
-                horizon.progress = horizon.progress - max(more, 0.0) / self._m
+            if new < len(known):  # that is not passed by it: slower, as those before were passed
+                progress = horizon.ahead(max(len(horizon.progress) - 1, 1))
+                until = (float(known.cycle[new]) - 1e-6 - self._cycle - 0.5) / self._m
+                more = float(np.clip(progress[1] - until, 0.0, progress[1] - progress[0]))
+                horizon.progress = np.append(progress[:1], progress[1:] - more)
             made = horizon.follow_on() if horizon.at_ease else self._knot(None)
             self._arriving = max(self._arriving - 1, 0)
             self._cycle += int(made.cycles[0])
@@ -364,10 +367,12 @@ class GoalStream:
         known, horizon = self._planner.known, self._horizon
         progress = horizon.ahead(1) if plan is None else plan.progress
         until = self._cycle + 0.5 + (float(progress[1]) + 1e-9) * self._m
-        passed = int(np.searchsorted(known.cycle, until, side="right")) - known.first
-        if passed > 0:
-            off = np.zeros((0, len(self._limits))) if plan is None else plan.deviation[:passed]
-            self._told.passing(passed, off, (1.0 - float(progress[1])) * self._m * self._T)
+        at = int(np.searchsorted(known.cycle, until, side="right"))
+        if at > known.first:
+            off = np.zeros((0, len(self._limits)))
+            off = off if plan is None else plan.deviation[: at - known.first]
+            self._told.passing(off, (1.0 - float(progress[1])) * self._m * self._T)
+        self._told.ahead(len(known) - at)
         self._told.rests(np.abs(horizon.knot.position - self._planner.known.last))
 
     def _cycles(self, seconds: float) -> int:
