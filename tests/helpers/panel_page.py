@@ -3,35 +3,105 @@
 from __future__ import annotations
 
 import os
+import re
+import signal
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import Any
 
-from playwright.sync_api import Browser, Page, sync_playwright
+from playwright.sync_api import Browser, BrowserType, Page, sync_playwright
+
+from sjerk import Monitor
+from sjerk.host import PathState
 
 #: Program and folders of libraries, as tools/chromium.sh tells them.
 PROGRAM = os.environ.get("SJERK_CHROMIUM", "")
 #: viser's sorter of splats wants to compile text; the policy refuses, and it is not needed.
 KNOWN = "Evaluating a string as JavaScript violates"
+#: Answers of an order that is not over.
+ON_THE_WAY = r".* s through|in motion|point \d"
+#: Where the browser draws in software it takes all processors that there are, from the kernel and
+#: from the page's own scripts; four pictures a second are enough to see what it does.
+FEWER_PICTURES = """
+    const asked = new Map();
+    let last = 0;
+    window.requestAnimationFrame = (draw) => {
+        asked.set(++last, setTimeout(((id) => () => {
+            asked.delete(id);
+            draw(performance.now());
+        })(last), 250));
+        return last;
+    };
+    window.cancelAnimationFrame = (id) => { clearTimeout(asked.get(id)); asked.delete(id); };
+"""
 
 
 @contextmanager
 def chromium() -> Iterator[Browser]:
     """A browser without a screen, which renders in software."""
-    program, _, libraries = PROGRAM.partition(" ")
-    before = os.environ.get("LD_LIBRARY_PATH")
     with sync_playwright() as driver:
-        browser = driver.chromium.launch(
-            executable_path=program,
-            args=["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"],
-            env=dict(os.environ) | ({"LD_LIBRARY_PATH": libraries} if libraries else {}),
-        )
+        browser = launched(driver.chromium)
         try:
             yield browser
         finally:
             browser.close()
-    assert os.environ.get("LD_LIBRARY_PATH") == before
+
+
+def launched(kind: BrowserType) -> Browser:
+    """One that is started now."""
+    program, _, libraries = PROGRAM.partition(" ")
+    return kind.launch(
+        executable_path=program,
+        args=["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"],
+        env=dict(os.environ) | ({"LD_LIBRARY_PATH": libraries} if libraries else {}),
+    )
+
+
+@contextmanager
+def mortal(browser: Browser) -> Iterator[tuple[Browser, Callable[[signal.Signals], int]]]:
+    """One more, and what sends a signal to all its processes and tells how many there were."""
+    before = set(processes())
+    one = launched(browser.browser_type)
+
+    def die(by: signal.Signals) -> int:
+        own = [pid for pid in processes() if pid not in before]
+        for pid in own:
+            with suppress(ProcessLookupError):  # with the one before
+                os.kill(pid, by)
+        return len(own)
+
+    try:
+        yield one, die
+    finally:
+        die(signal.SIGKILL)
+        one.close()
+
+
+def processes() -> list[int]:
+    """All browsers that this process has started, with what they have started."""
+    parents = {}
+    for entry in Path("/proc").iterdir():
+        with suppress(OSError, ValueError):
+            fields = (entry / "stat").read_text().rpartition(")")[2].split()
+            parents[int(entry.name)] = int(fields[1])
+    found = []
+    for pid in parents:
+        line, up = [pid], pid
+        while (up := parents.get(up, 0)) > 0:
+            line.append(up)
+        with suppress(OSError):
+            if os.getpid() in line[1:] and "chromium" in os.readlink(f"/proc/{pid}/exe"):
+                found.append(pid)
+    return found
+
+
+def at_rest(monitor: Monitor) -> bool:
+    """Whether nothing moves: at a goal, by a halt, or on a path that is held."""
+    now = monitor.feedback()
+    still = all(axis.velocity == 0.0 for axis in now.axes)
+    return not now.moving or (still and now.path.state is PathState.PAUSED)
 
 
 class Seen:
@@ -40,6 +110,7 @@ class Seen:
     def __init__(self, browser: Browser, link: str, *, height: int = 950) -> None:
         self.page: Page = browser.new_page(viewport={"width": 1280, "height": height})
         self.page.set_default_timeout(60_000)
+        self.page.add_init_script(FEWER_PICTURES)
         self.requests: list[str] = []
         self.faults: list[str] = []
         self.bytes = 0
@@ -74,23 +145,68 @@ class Seen:
 
     def text(self, where: str) -> str:
         """Of an element."""
-        found = self.page.locator(where)
-        return found.first.inner_text() if found.count() else ""
+        script = "where => document.querySelector(where)?.textContent ?? ''"
+        return str(self.page.evaluate(script, where))
+
+    @property
+    def answer(self) -> tuple[int, str]:
+        """How many answers there were, and the last one."""
+        number, words = self.page.evaluate(
+            "() => { const e = document.querySelector('.sjerk-said');"
+            " return e ? [Number(e.dataset.answer), e.textContent] : [0, '']; }"
+        )
+        return int(number), str(words)
 
     @property
     def said(self) -> str:
         """The last answer."""
-        return self.text(".sjerk-said")
+        return self.answer[1]
 
     def button(self, name: str) -> Any:
         """A button that is seen."""
         return self.page.get_by_role("button", name=name, exact=True).locator("visible=true").first
 
-    def press(self, name: str, answer: str = "") -> None:
-        """Click, and wait for an answer."""
+    def press(self, name: str, answer: str = "") -> str:
+        """Click, and wait for a new answer that has this pattern; returns it."""
+        before = self.answer[0]
         self.button(name).click()
-        if answer:
-            self.until(lambda: answer in self.said, f"{answer!r} after {name}")
+        return self.answered(before, answer, name) if answer else ""
+
+    def answered(self, before: int, answer: str, why: str) -> str:
+        """Wait for an answer after the first ``before``."""
+
+        def found() -> str:
+            number, words = self.answer
+            return words if number > before and re.search(answer, words) else ""
+
+        return str(self.until(found, f"{answer!r} after {why}"))
+
+    def over(self, name: str) -> str:
+        """Click what moves, and wait until that is over or refused: the last answer."""
+        return self.press(name, rf"^(?!{ON_THE_WAY})")
+
+    def hold(self, name: str, what: Callable[[], Any], why: str) -> None:
+        """Press a button until something is true; it is held then.
+
+        Again where the dead-man's switch was first: a busy machine sends too few messages.
+        """
+        button = self.button(name)
+        button.scroll_into_view_if_needed()
+        box = button.bounding_box()
+        assert box is not None
+        self.page.mouse.move(box["x"] + 40, box["y"] + 8)
+
+        def held() -> bool:
+            self.page.mouse.down()
+            end = time.monotonic() + 2.0
+            while time.monotonic() < end:
+                if what():
+                    return True
+                self.page.wait_for_timeout(20)
+            self.page.mouse.up()
+            return False
+
+        self.until(held, why)
 
     def label(self, name: str) -> None:
         """Click one of a group of buttons, or a tab."""
@@ -108,8 +224,16 @@ class Seen:
     def lead(self) -> None:
         """Take the lead, and let the drives follow."""
         self.press("Take the lead", "this browser leads")
+        before = self.answer[0]
         self.label("Enable")
-        self.until(lambda: "drives follow" in self.said, "drives")
+        self.answered(before, "drives follow", "Enable")
+
+    def pose(self, name: str) -> None:
+        """Make a pose the goal."""
+        if not self.page.get_by_text("To goal", exact=True).locator("visible=true").count():
+            self.label("Poses")
+        self.choose("Pose", name)
+        self.label("Set goal")
 
     def cut_texts(self) -> list[str]:
         """Texts that are wider than their place, and so are cut."""

@@ -1,8 +1,9 @@
 """The panel for long, and its figures: ``./run stress panel --minutes 30``.
 
-Pages come, look, jog and leave by what kills them, again and again; the memory of the panel must
-stay flat. First the figures: frames at a socket and how old they are, processor time, late cycles
-with and without a panel in pairs of runs, and how long each death takes until the axes rest.
+Random plans come first, each judged sample by sample by a judge that shares no code with the panel.
+Then the figures: how long each death takes until the axes rest, late cycles with and without a
+panel in pairs of runs, frames at a socket and how old they are, processor time. Last, pages come,
+look, jog and leave by what kills them, again and again; the memory of the panel must stay flat.
 """
 
 from __future__ import annotations
@@ -19,14 +20,19 @@ from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
+import numpy as np
+
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from helpers.panel_bench import ROBOT
 from helpers.panel_client import Client, PanelProcess, panel, until
+from helpers.panel_queries import CLEAR, LIMITS, queries, touches
 from sjerk import Monitor, MotionKernel
 from sjerk.ports.panel.holding import LIMIT
 from sjerk.ports.panel.lead import WATCH
+from sjerk.ports.panel.planning import NoWayError, plan
 
+_PARTS = ("plans", "deaths", "pairs", "frames", "soak")
 _TICKS = os.sysconf("SC_CLK_TCK")
 
 
@@ -125,8 +131,9 @@ def pairs(count: int, seconds: float, folder: Path) -> None:
     )
 
 
-def deaths(folder: Path) -> None:
-    """From the last sign of a held button to rest, for each way to die."""
+def deaths(folder: Path) -> bool:
+    """From the last sign of a held button to rest, for each way to die; whether all in time."""
+    well = True
     cases: dict[str, Callable[[PanelProcess, Client], None]] = {
         "released": lambda process, client: client.click("panda_joint1 +"),
         "silent": lambda process, client: None,
@@ -163,11 +170,13 @@ def deaths(folder: Path) -> None:
             begun = f"{1e3 * braking:.0f} ms" if braking is not None else "at once"
             most = (WATCH if case.startswith("panel") else LIMIT) + (rest - (braking or 0.0)) + 0.5
             verdict = "in time" if rest <= most else "LATE"
+            well &= rest <= most
             print(f"jog, {case}: brakes after {begun}, rests after {1e3 * rest:.0f} ms, {verdict}")
             with suppress(ProcessLookupError):
                 os.kill(process.process.pid, signal.SIGKILL)
             process.process.wait()
             client.close()
+    return well
 
 
 def soak(process: PanelProcess, minutes: float) -> bool:
@@ -196,21 +205,67 @@ def soak(process: PanelProcess, minutes: float) -> bool:
     return second < 1.05 * first
 
 
+def plans(count: int, seed: int) -> bool:
+    """Random queries: how many are planned, what touches, how long it takes; is all well?"""
+    spent: dict[str, list[float]] = {"find": [], "time": [], "check": []}
+    shares, touching, unplanned, samples = [], 0, 0, 0
+    for start, goal, random in queries(count, seed):
+        try:
+            made = plan(CLEAR, start, goal, LIMITS, 1e-3)
+        except NoWayError as fault:
+            unplanned += 1
+            print(f"not planned, {start.tolist()} to {goal.tolist()}: {fault}")
+            continue
+        exact = (made.position[0] == start).all() and (made.position[-1] == goal).all()
+        judged = any(touches(q, random) for q in made.position[::20])
+        if made.collides or judged or not exact:
+            touching += 1
+            print(f"touches or is not exact: {start.tolist()} to {goal.tolist()}")
+        samples += len(made.position)
+        shares.append(made.shares)
+        for key, seconds in made.spent.items():
+            spent[key].append(seconds)
+    if shares:
+        v, a, j = np.max(shares, axis=0).tolist()
+        times = ", ".join(
+            f"{key} median {1e3 * statistics.median(rows):.0f} ms, worst {1e3 * max(rows):.0f} ms"
+            for key, rows in spent.items()
+        )
+        print(
+            f"plans: {len(shares)} of {count} found, {touching} touch, {samples} samples; "
+            f"most of the limits: v {v:.6f}, a {a:.6f}, j {j:.6f}; {times}"
+        )
+        return unplanned == touching == 0 and max(v, a, j) <= 1.0 + 1e-9
+    return count == 0
+
+
 def main() -> int:
-    """The figures, then the soak; exit code 1 where its memory grew."""
+    """The plans, the figures, the soak; exit code 1 where one fell short."""
     arguments = argparse.ArgumentParser(description=__doc__)
     arguments.add_argument("--minutes", type=float, default=30.0)
     arguments.add_argument("--seconds", type=float, default=10.0, help="of each figure")
     arguments.add_argument("--pairs", type=int, default=5)
+    arguments.add_argument("--queries", type=int, default=60, help="random plans")
+    arguments.add_argument("--seed", type=int, default=0, help="of the random plans")
+    arguments.add_argument("--only", action="append", choices=_PARTS, help="these parts")
     options = arguments.parse_args()
+    wanted = options.only or _PARTS
+    well = True
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        deaths(folder)
-        pairs(options.pairs, options.seconds, folder)
-        with panel(name=f"soak-{time.time_ns()}", folder=folder) as process:
-            frames(process, options.seconds)
-            flat = soak(process, options.minutes)
-    return 0 if flat else 1
+        if "plans" in wanted:
+            well &= plans(options.queries, options.seed)
+        if "deaths" in wanted:
+            well &= deaths(folder)
+        if "pairs" in wanted:
+            pairs(options.pairs, options.seconds, folder)
+        if {"frames", "soak"} & set(wanted):
+            with panel(name=f"soak-{time.time_ns()}", folder=folder) as process:
+                if "frames" in wanted:
+                    frames(process, options.seconds)
+                if "soak" in wanted:
+                    well &= soak(process, options.minutes)
+    return 0 if well else 1
 
 
 if __name__ == "__main__":

@@ -16,9 +16,9 @@ import numpy as np
 import pytest
 from playwright.sync_api import Browser
 
-from helpers.panel_bench import PANDA, SETTINGS
-from helpers.panel_client import PanelProcess, panel
-from helpers.panel_page import PROGRAM, Seen, chromium
+from helpers.panel_bench import PANDA, RANGES, SETTINGS
+from helpers.panel_client import PanelProcess, panel, until
+from helpers.panel_page import PROGRAM, Seen, at_rest, chromium
 from sjerk import Monitor
 
 PICTURES = os.environ.get("SJERK_PICTURES", "")
@@ -45,7 +45,8 @@ def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[PanelProcess]:
         at = start + 0.3 * np.sin(np.linspace(0, 2 * np.pi, 41))[k] * np.linspace(0, 1, 7)
         rows.append(",".join(repr(v) for v in [0.1 * k, *at.tolist()]))
     (folder / "wave.csv").write_text("\n".join(rows) + "\n")
-    with panel("robot.toml", name=f"page-{time.time_ns()}", folder=folder) as process:
+    name = "panel" if PICTURES else f"page-{time.time_ns()}"
+    with panel("robot.toml", name=name, folder=folder) as process:
         yield process
 
 
@@ -74,15 +75,7 @@ def picture(seen: Seen, name: str) -> None:
 
 def rests(seen: Seen, monitor: Monitor) -> None:
     """Wait until nothing moves."""
-    seen.until(lambda: not monitor.feedback().moving, "at rest")
-
-
-def pose(seen: Seen, name: str) -> None:
-    """Make a pose the goal."""
-    if not seen.page.get_by_text("To goal", exact=True).locator("visible=true").count():
-        seen.label("Poses")
-    seen.choose("Pose", name)
-    seen.label("Set goal")
+    seen.until(lambda: at_rest(monitor), "at rest")
 
 
 def arrives(seen: Seen, monitor: Monitor, name: str) -> None:
@@ -92,18 +85,13 @@ def arrives(seen: Seen, monitor: Monitor, name: str) -> None:
     def there() -> bool:
         return [axis.position for axis in monitor.feedback().axes] == goal
 
-    def over() -> bool:
-        return there() or (not monitor.feedback().moving and "stopped" in seen.said)
-
     for _ in range(10):
         if there():
             break
-        pose(seen, name)
-        seen.press("Plan & Execute")
-        seen.until(lambda: "through" in seen.said or "motion" in seen.said, "planned")
-        seen.until(over, "arrives")
+        seen.pose(name)
+        seen.over("Plan & Execute")
+        rests(seen, monitor)
     assert there()
-    rests(seen, monitor)
 
 
 def test_the_page_comes_whole_and_asks_nobody_else(seen: Seen, running: PanelProcess) -> None:
@@ -118,11 +106,10 @@ def test_the_page_comes_whole_and_asks_nobody_else(seen: Seen, running: PanelPro
 def test_a_whole_round(seen: Seen, monitor: Monitor) -> None:
     """Lead, enable, plan, preview, execute; arrives on the goal; then by both in one."""
     seen.lead()
-    pose(seen, "left")
+    seen.pose("left")
     seen.press("Plan", "s through")
     picture(seen, "planned")
-    seen.press("Execute", "in motion")
-    seen.until(lambda: monitor.feedback().moving, "motion")
+    seen.press("Execute", "in motion|on the goal")
     picture(seen, "motion")
     rests(seen, monitor)
     arrives(seen, monitor, "left")
@@ -150,7 +137,7 @@ def test_what_collides_is_red_and_needs_a_second_click(seen: Seen, monitor: Moni
     """And the events say so."""
     seen.lead()
     arrives(seen, monitor, "left")
-    pose(seen, "right")
+    seen.pose("right")
     seen.label("Avoid collisions")
     seen.press("Plan", "COLLIDES")
     picture(seen, "collides")
@@ -162,14 +149,17 @@ def test_what_collides_is_red_and_needs_a_second_click(seen: Seen, monitor: Moni
     seen.tab("Events")
     seen.until(lambda: "a plan that collides" in seen.text(".sjerk-events"), "the event")
     picture(seen, "events")
-    pose(seen, "left")
     for _ in range(10):  # out of it, the way that it came
         if monitor.feedback().axes[0].position == 0.9:
             break
-        seen.press("Plan", "COLLIDES")
-        seen.press("Execute all the same", "click again")
-        seen.press("Really: it collides", "in motion")
+        seen.pose("left")
+        if "COLLIDES" in seen.press("Plan", "s through"):
+            seen.press("Execute all the same", "click again")
+            seen.over("Really: it collides")
+        else:
+            seen.over("Execute")
         rests(seen, monitor)
+    assert monitor.feedback().axes[0].position == 0.9
     seen.tab("Scene")
     picture(seen, "scene")
     seen.tab("Signals")
@@ -179,20 +169,15 @@ def test_hold_to_run_and_speed(seen: Seen, monitor: Monitor) -> None:
     """Rests on the path when let go, and goes on when pressed again."""
     seen.lead()
     arrives(seen, monitor, "ready")
-    pose(seen, "left")
+    seen.pose("left")
     seen.press("Plan", "s through")
-    button = seen.button("Hold to run")
-    button.scroll_into_view_if_needed()
-    box = button.bounding_box()
-    assert box is not None
-    seen.page.mouse.move(box["x"] + 40, box["y"] + 8)
-    seen.page.mouse.down()
-    seen.until(lambda: monitor.feedback().path.state.name == "RUNS", "runs")
+    seen.hold("Hold to run", lambda: monitor.feedback().path.state.name == "RUNS", "runs")
     seen.page.mouse.up()
     seen.until(lambda: monitor.feedback().path.state.name == "PAUSED", "rests on the path")
+    rests(seen, monitor)
     at = monitor.feedback().axes[0].position
-    seen.page.mouse.down()
-    seen.until(lambda: monitor.feedback().axes[0].position != at, "goes on")
+    assert at not in (0.0, 0.9)
+    seen.hold("Hold to run", lambda: monitor.feedback().axes[0].position != at, "goes on")
     seen.page.mouse.up()
     rests(seen, monitor)
 
@@ -208,7 +193,7 @@ def test_a_viewer_stops_and_gives_no_order(
     other.button("Take the lead").click()
     other.until(lambda: re.search(r"browser \d+ leads", other.said), "refused by name")
     there = monitor.feedback().axes[0].position
-    pose(seen, "left" if there < 0.5 else "ready")
+    seen.pose("left" if there < 0.5 else "ready")
     seen.press("Plan & Execute")
     seen.until(lambda: monitor.feedback().moving, "motion")
     viewer.press("STOP", "halt")
@@ -218,58 +203,42 @@ def test_a_viewer_stops_and_gives_no_order(
         one.page.close()
 
 
-def pressed(seen: Seen, monitor: Monitor) -> None:
-    """Jog: press a button until the axis moves."""
-    seen.tab("Jog")
-    button = seen.button("panda_joint1 +")
-    button.scroll_into_view_if_needed()
-    picture(seen, "jog")
-    box = button.bounding_box()
-    assert box is not None
-    seen.page.mouse.move(box["x"] + 40, box["y"] + 8)
-
-    def moves() -> bool:
-        seen.page.mouse.down()
-        end = time.monotonic() + 2.0
-        while time.monotonic() < end:
-            if monitor.feedback().moving:
-                return True
-            seen.page.wait_for_timeout(20)
-        seen.page.mouse.up()
-        return False
-
-    seen.until(moves, "moves")
+LETS_GO = {
+    "blur": "() => dispatchEvent(new Event('blur'))",
+    "hidden": """() => {
+        Object.defineProperty(document, 'hidden', {value: true, configurable: true});
+        document.dispatchEvent(new Event('visibilitychange'));
+        delete document.hidden;
+    }""",
+    "loop": """() => {
+        setTimeout(() => { const end = Date.now() + 4000; while (Date.now() < end); });
+    }""",
+}
 
 
-@pytest.mark.parametrize("case", ["released", "blur", "hidden", "loop", "closed"])
 def test_a_jog_ends_with_its_hand(
-    browser: Browser, running: PanelProcess, monitor: Monitor, case: str
+    browser: Browser, running: PanelProcess, monitor: Monitor
 ) -> None:
     """Let go, another window in front, a page in an endless loop, a page that is closed."""
     seen = Seen(browser, running.lead)
     seen.lead()
-    pressed(seen, monitor)
-    if case == "released":
-        seen.page.mouse.up()
-    elif case == "blur":
-        seen.page.evaluate("() => dispatchEvent(new Event('blur'))")
-    elif case == "hidden":
-        seen.page.evaluate(
-            "() => { Object.defineProperty(document, 'hidden', {value: true});"
-            " document.dispatchEvent(new Event('visibilitychange')); }"
-        )
-    elif case == "loop":
-        seen.page.evaluate(
-            "() => setTimeout(() => { const end = Date.now() + 4000; while (Date.now() < end); })"
-        )
-    else:
-        seen.page.close()
-    end = time.monotonic() + 30
-    while monitor.feedback().moving:
-        assert time.monotonic() < end
-        time.sleep(0.02)
-    if case != "closed":
-        seen.page.close()
+    seen.tab("Jog")
+    for number, case in enumerate(["released", *LETS_GO, "closed"]):
+        sign = "−" if number % 2 else "+"
+        seen.hold(f"panda_joint1 {sign}", lambda: monitor.feedback().moving, f"moves: {case}")
+        if case == "released":
+            picture(seen, "jog")
+            seen.page.mouse.up()
+        elif case == "closed":
+            seen.page.close()
+        else:
+            seen.page.evaluate(LETS_GO[case])
+        until(lambda: at_rest(monitor), f"at rest: {case}")
+        low, high = RANGES[0]
+        assert low + 0.01 < monitor.feedback().axes[0].position < high - 0.01, case
+        if case != "closed":
+            seen.page.mouse.up()
+    until(lambda: monitor.host_pid is None, "the lead is free")
 
 
 def test_trajectories_are_shown_resampled_and_played(seen: Seen, monitor: Monitor) -> None:
@@ -287,25 +256,30 @@ def test_trajectories_are_shown_resampled_and_played(seen: Seen, monitor: Monito
     kept = re.search(r"(\d+) after", seen.text(".sjerk-points"))
     assert kept is not None
     assert 2 < int(kept.group(1)) < 41
-    seen.press("Play", "in motion")
-    seen.until(lambda: "succeeded" in seen.said.lower() or "aborted" in seen.said, "played")
+    for _ in range(10):  # again where a busy machine made the kernel halt on the way
+        if "succeeded" in seen.over("Play"):
+            break
+        rests(seen, monitor)
+        seen.tab("Plan")
+        arrives(seen, monitor, "ready")
+        seen.tab("Trajectories")
+    assert "succeeded" in seen.said
     picture(seen, "trajectories")
 
 
-def test_no_text_is_cut(browser: Browser, running: PanelProcess) -> None:
+def test_no_text_is_cut(seen: Seen) -> None:
     """At 1280 x 800 and 950, dark and light, in every tab."""
-    for height in (800, 950):
-        seen = Seen(browser, running.lead, height=height)
-        for theme in ("dark", "light"):
-            if theme == "light":
-                seen.label("Dark")
-            for tab in ("Signals", "Timing", "Events", "Plan", "Jog", "Scene", "Trajectories"):
-                seen.tab(tab)
-                seen.page.wait_for_timeout(400)
+    for theme in ("dark", "light"):
+        if theme == "light":
+            seen.label("Dark")
+        for tab in ("Signals", "Timing", "Events", "Plan", "Jog", "Scene", "Trajectories"):
+            seen.tab(tab)
+            for height in (800, 950):
+                seen.page.set_viewport_size({"width": 1280, "height": height})
+                seen.page.wait_for_timeout(300)
                 assert seen.cut_texts() == [], f"{tab}, {theme}, {height}"
-                if tab == "Timing" and height == 950:
-                    picture(seen, f"timing_{theme}")
-        seen.page.close()
+            if tab in ("Plan", "Timing"):
+                picture(seen, f"{tab.lower()}_{theme}")
 
 
 def test_the_panel_ends_its_kernel_and_leaves_nothing(running: PanelProcess) -> None:

@@ -266,6 +266,7 @@ def test_hold_to_run_rests_on_the_path_and_goes_on(bench: Bench) -> None:
     desk = bench.ready()
     desk.set_goal(ONE, other_goal(desk))
     desk.plan(ONE, (0.3, 0.3, 0.3), avoid=True)
+    assert bench.lead.keep(ONE) is Press.BEGINS  # the message of the press comes first
     path = desk.execute(ONE, agreed=None, hold=True)
     until(lambda: path.state is PathState.PAUSED, "no sign: paused")
     assert path.progress.point == 0 or not path.done

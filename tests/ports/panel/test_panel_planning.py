@@ -6,37 +6,18 @@ import numpy as np
 import pytest
 
 from helpers import panel_judge as judge
-from helpers.panel_bench import RANGES, ROBOT, SETTINGS
+from helpers.panel_bench import RANGES, SETTINGS
+from helpers.panel_queries import CLEAR, LIMITS, query, touches
 from sjerk.ports.panel.clearance import Clearance
 from sjerk.ports.panel.planning import NoWayError, closest, plan
 from sjerk.ports.panel.shapes import Scene, Shape
-
-LIMITS = [axis.limits for axis in ROBOT.axes]
-SCENE = Scene(
-    {
-        "table": Shape("box", (0.6, 1.6, 0.1), (0.55, 0.0, 0.05)),
-        "wall": Shape("box", (1.6, 0.05, 1.2), (0.3, -0.55, 0.6)),
-        "post": Shape("cylinder", (0.05, 0.9), (0.4, 0.35, 0.45)),
-    }
-)
-CLEAR = Clearance(SETTINGS.arm, *RANGES.T, SCENE)
-
-
-def touches(q: np.ndarray, random: np.random.Generator) -> bool:
-    """Whether a point of the skin is inside an obstacle or under the floor."""
-    at, links = judge.skin(q.tolist(), 40, random)
-    inside = (at[links > 1, 2] < 0).any()
-    for one in SCENE.shapes.values():
-        inside |= judge.inside(at[links > 0], one.kind, one.size, one.centre, one.yaw).any()
-    return bool(inside)
 
 
 @pytest.mark.parametrize("number", range(6))
 def test_a_plan_is_within_limits_and_no_sample_of_it_touches(number: int) -> None:
     """Random queries: bit for bit from start to goal; by a judge of its own."""
     random = np.random.default_rng(number)
-    free = [q for q in random.uniform(*RANGES.T, (60, 7)) if CLEAR.distances(q)[0] > 0.03]
-    start, goal = free[:2]
+    start, goal = query(random)
     made = plan(CLEAR, start, goal, LIMITS, 1e-3)
     assert made.position[0].tolist() == start.tolist()
     assert made.position[-1].tolist() == goal.tolist()

@@ -49,6 +49,10 @@ class Holds:
         """Whether this one is."""
         return key in self._held
 
+    def others(self, key: Hashable) -> bool:
+        """Whether any button but this one is held."""
+        return any(one != key for one in self._held)
+
     def message(self, key: Hashable, now: float) -> Press:
         """One message of a held button."""
         if now - self._cut.get(key, -self._silence) < self._silence:
@@ -72,8 +76,12 @@ class Holds:
             self._cut[key] = now
         return found
 
+    def cut(self, key: Hashable, now: float) -> None:
+        """What the button does was refused: it is not tried again until a fresh press."""
+        if self._held.pop(key, None) is not None:
+            self._cut[key] = now
+
     def clear(self, now: float) -> None:
         """A stop: all holds are cut."""
-        for key in self._held:
-            self._cut[key] = now
-        self._held.clear()
+        for key in list(self._held):
+            self.cut(key, now)

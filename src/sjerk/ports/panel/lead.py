@@ -146,7 +146,7 @@ class Lead:
                 try:
                     host.jog({axis: velocity})
                 except SjerkError:
-                    self._holds.release(axis)
+                    self._holds.cut(axis, time.monotonic())
                     raise
             host.beat()
 
@@ -181,7 +181,7 @@ class Lead:
         """
         with self._lock:
             host = self.of(browser)
-            if self._holds.any:
+            if self._holds.others(_RUN):
                 raise NotLeadingError("a jog button is held")
             self._look_at_path("another path is executed")
             path = host.follow(blocks)
@@ -203,6 +203,12 @@ class Lead:
             if press is Press.BEGINS and path is not None and path.paused and not path.state.ended:
                 path.resume()
             return press
+
+    def refuse(self, browser: int) -> None:
+        """What the button of a path asked for was refused: it needs a fresh press."""
+        with self._lock:
+            if self._browser == browser:
+                self._holds.cut(_RUN, time.monotonic())
 
     def let_go(self, browser: int) -> None:
         """The button of a path was let go: it comes to rest on the path."""

@@ -31,6 +31,7 @@ class Page:
 
     def __init__(self, desk: Desk, client: Any, role: Role, *, now: Any, signals: Any) -> None:
         self._locked: list[Any]
+        self._answers = 0
         self.desk, self.client, self.role = desk, client, role
         self.browser: int = client.client_id
         gui = client.gui
@@ -100,10 +101,12 @@ class Page:
     def say(self, text: str, *, bad: bool = False) -> None:
         """One line under the buttons."""
         colour = "#e03131" if bad else "#2f9e44"
+        self._answers += 1
         with suppress(RuntimeError):  # the browser has left meanwhile
             self.said.content = (
-                "<div class='sjerk-said' style='padding:4px 10px;font-size:13px;"
-                f"overflow-wrap:anywhere;color:{colour}'>{html.escape(text)}</div>"
+                f"<div class='sjerk-said' data-answer='{self._answers}' "
+                f"style='padding:4px 10px;font-size:13px;overflow-wrap:anywhere;color:{colour}'>"
+                f"{html.escape(text)}</div>"
             )
             self.said.visible = bool(text)
 

@@ -189,17 +189,13 @@ class PlanTab:
 
     def _held(self) -> None:
         lead = self._desk.lead
-        try:
-            press = lead.keep(self._page.browser)
-        except SjerkError:
-            lead.let_go(self._page.browser)
-            raise
+        press = lead.keep(self._page.browser)
         if press is not Press.BEGINS or not self._over:
             return
         try:
             self._executed(hold=True)
         except SjerkError:
-            lead.let_go(self._page.browser)
+            lead.refuse(self._page.browser)
             raise
 
     def _sped(self) -> None:
