@@ -176,5 +176,5 @@ def test_virtual_time(report: Report) -> None:
     table = f"{DRIVES} EtherCAT drives in virtual time"
     report.line(table, f"a cycle of 1 ms: {cycle * 1e6:.1f} us; "
                        f"of real time {1e-3 / cycle:.0f} times  (>= 50)")  # fmt: skip
-    report.line(table, f"a frame: {ours * 1e6:.2f} us; through 3 drives in Python "
-                       f"{theirs * 1e6:.1f} us: {ours / theirs:.3f}  (<= 0.15)")  # fmt: skip
+    report.line(table, f"a frame: {ours * 1e6:.2f} us; the least for 3 in Python "
+                       f"{theirs * 1e6:.1f} us: {ours / theirs:.3f}")  # fmt: skip
