@@ -1,7 +1,8 @@
 """Cycles of a kernel with drives on a cable: ethercat_cycle.py WAY DRIVES CYCLE_US SECONDS.
 
 WAY: ``ours`` (the exchange in C), ``together`` (the same, one LRW for all drives), ``arrivals``
-(as ours, its clock held by arrival times), ``pysoem`` (exchange and clock in Python, as its users
+(as ours, its clock held by arrival times), ``beside`` (as ours, and a thread that only sleeps to
+each cycle's begin in the same seconds), ``pysoem`` (exchange and clock in Python, as its users
 write them). Prints one line of JSON.
 """
 
@@ -12,6 +13,7 @@ import struct
 import sys
 import threading
 import time
+from typing import Any
 
 import pysoem
 
@@ -19,7 +21,11 @@ from sjerk import Axis, Clock, Limits, MotionKernel
 from sjerk._binding import ffi, lib
 from sjerk.cli.cable import MAIN
 from sjerk.host import Distribution
+from sjerk.ports.ethercat.access import finish
+from sjerk.ports.ethercat.bus import Bus
 from sjerk.ports.ethercat.inside import connect
+from sjerk.ports.ethercat.settings import BusSettings, DriveSettings
+from sjerk.ports.ethercat.transports import InterfaceTransport
 
 OUT, IN = struct.Struct("<Hbxiih"), struct.Struct("<HbxiihHiI")
 OUTPUTS = ("controlword", "mode", "target_position", "velocity_offset", "torque_offset")
@@ -53,6 +59,38 @@ def row(made: object) -> dict[str, float]:
     return {"median": of.median * 1e6, "p99": of.p99 * 1e6, "worst": of.worst * 1e6}
 
 
+def set_up_alone(core: Any, count: int, cycle_ns: int) -> float:
+    """Seconds from the scan to Safe-operational, on sockets that are open, as pysoem's are."""
+    transport = InterfaceTransport(MAIN)
+    wanted = {k: DriveSettings(k) for k in range(count)}
+    bus = Bus(core, cycle_ns, transport, wanted, BusSettings())
+    began = time.monotonic()
+    finish(bus.prepare(), lambda: time.sleep(0.001))
+    took = time.monotonic() - began
+    finish(bus.leave(), lambda: time.sleep(0.001))
+    transport.close()
+    return took
+
+
+class Sleeper:
+    """A clock with next to nothing to do: how late the system wakes a thread."""
+
+    def __init__(self, period_us: int) -> None:
+        self.kernel = MotionKernel([AXIS], period_us * 1e-6)
+        core, self.end = self.kernel.core, ffi.new("sj_clock_end *")
+        self.latency = core.feedback.latency
+        self._options = Clock().to_c(period_us * 1e-6)
+        self._thread = threading.Thread(
+            target=lambda: lib.sj_clock_run(core, ffi.NULL, self._options, ffi.NULL, self.end)
+        )
+        self._thread.start()
+
+    def close(self) -> None:
+        """End it."""
+        lib.sj_clock_order(self.end, lib.SJ_END_LEAVE)
+        self._thread.join()
+
+
 def in_c(way: str, count: int, period_us: int, seconds: int) -> dict[str, object]:
     """The exchange in C; ``way`` arrivals holds its clock by arrival times, once it has begun.
 
@@ -64,11 +102,13 @@ def in_c(way: str, count: int, period_us: int, seconds: int) -> dict[str, object
     drives: dict[str, object] = {str(k): {"position": k} for k in range(count)}
     bus = {"interface": MAIN, "lost": 1000}
     core = kernel.core
+    alone = set_up_alone(core, count, T)
     began = time.monotonic()
     connection = connect(core, T, {"path": "bench", "bus": bus, "axes": drives})
     c = connection.bus.c
     c.together = way == "together"
-    set_up = time.monotonic() - began
+    whole = time.monotonic() - began
+    sleeper = Sleeper(period_us) if way == "beside" else None
     end, options = ffi.new("sj_clock_end *"), Clock().to_c(period_us * 1e-6)
     cycle = threading.Thread(
         target=lambda: lib.sj_clock_run(core, ffi.NULL, options, connection.exchange, end)
@@ -80,12 +120,17 @@ def in_c(way: str, count: int, period_us: int, seconds: int) -> dict[str, object
         time.sleep(SETTLES_S)
         for field in (core.feedback.computing, core.feedback.latency, c.phase):
             empty(field)
+        if sleeper:
+            empty(sleeper.latency)
         before = c.told.sent, c.told.lost, core.feedback.late
         thrown: list[str] = []
-        latest = ffi.new("sj_histogram *")
+        latest, sending = ffi.new("sj_histogram *"), ffi.new("sj_histogram *")
         until, out, skipped = time.monotonic() + seconds, set(), core.feedback.late
         while time.monotonic() < until:
             time.sleep(LOOKS_S)
+            sent, deadline = c.sent_ns, c.deadline_ns
+            if c.sent_ns == sent:  # both of one cycle
+                lib.sj_histogram_add(sending, max(0, sent - deadline))
             states = [int(c.drive[k].told.state) for k in range(count)]
             for k in [k for k, state in enumerate(states) if state != OPERATIONAL]:
                 if k not in out:
@@ -103,16 +148,22 @@ def in_c(way: str, count: int, period_us: int, seconds: int) -> dict[str, object
             "work": row(core.feedback.computing),
             "wake": row(core.feedback.latency),
             "phase": row(c.phase),
+            "send": row(sending),
             "cycles": c.told.sent - before[0],
             "answers late": c.told.lost - before[1],
             "late": core.feedback.late - before[2],
             "wrong": sum(c.drive[k].told.wrong for k in range(count)),
-            "set up": set_up,
+            "set up": alone,
+            "connect": whole,
             "thrown out": thrown,
         }
+        if sleeper:
+            result["sleeper"] = row(sleeper.latency)
         lib.sj_clock_order(end, lib.SJ_END_REST)
         connection.release()
     finally:
+        if sleeper:
+            sleeper.close()
         lib.sj_clock_order(end, lib.SJ_END_LEAVE)
         cycle.join()
         connection.close()

@@ -1,14 +1,14 @@
 """Random frames against both ends of an EtherCAT cable, under ASan and UBSan.
 
-Run it with ``./run stress ethercat [--frames N] [--seed S]``. Half of the frames go to a line
-of emulated drives with states, mails and motion behind them; half are forged answers to a main
-device that moves drives, in virtual time. Exit status 0 if nothing was found.
+Run it with ``./run stress ethercat [--frames N] [--seed S]``. A third of the frames go to a line
+of emulated drives with states, mails and motion behind them; a third are forged answers to a main
+device that moves drives, in virtual time; a third come to it over a virtual cable, by the ring
+that the system shares. Exit status 0 if nothing was found.
 """
 
 from __future__ import annotations
 
 import argparse
-import os
 import random
 import subprocess
 import sys
@@ -20,12 +20,15 @@ sys.path.insert(0, str(Path(__file__).parent.parent))
 
 from helpers.root import TESTS, program
 from helpers.sanitized import build, library
+from sjerk.cli.cable import inside
+from sjerk.errors import SjerkError
 
-FILES = ("test_ethercat_fuzz.py", "test_ethercat_fuzz_main.py")
+WIRE = "test_ethercat_wire.py"
+FILES = ("test_ethercat_fuzz.py", "test_ethercat_fuzz_main.py", WIRE)
 
 
 def main() -> int:
-    """Build the C core with sanitizers, run both."""
+    """Build the C core with sanitizers, run all."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--frames", type=int, default=1_000_000)
     parser.add_argument("--seed", type=int, default=random.randrange(10**6))
@@ -40,17 +43,21 @@ def main() -> int:
         build(Path(folder))
         for name in FILES:
             file = str(TESTS / "ports" / "ethercat" / name)
-            done = subprocess.run(
-                program("helpers.sanitized", folder, "-s", file),
-                env={
-                    **os.environ,
-                    "LD_PRELOAD": asan,
-                    "ASAN_OPTIONS": "detect_leaks=0",
-                    "UBSAN_OPTIONS": "print_stacktrace=1",
-                    "SJERK_FUZZ_FRAMES": str(arguments.frames // 2),
-                    "SJERK_FUZZ_SEED": str(arguments.seed),
-                },
-            )
+            words = {
+                "LD_PRELOAD": asan,
+                "ASAN_OPTIONS": "detect_leaks=0",
+                "UBSAN_OPTIONS": "print_stacktrace=1",
+                "SJERK_FUZZ_FRAMES": str(-(-arguments.frames // len(FILES))),
+                "SJERK_FUZZ_SEED": str(arguments.seed),
+            }
+            command = ["env", *(f"{name}={value}" for name, value in words.items())]
+            command += program("helpers.sanitized", folder, "-s", file)
+            try:
+                done = subprocess.run(inside(command) if name == WIRE else command)
+            except SjerkError as error:
+                print(f"{name} did not run: {error}")
+                failed += 1
+                continue
             failed += done.returncode != 0
     print(f"seed {arguments.seed}; frames {arguments.frames}; files that failed {failed}; "
           f"took {time.monotonic() - begun:.0f} s")  # fmt: skip

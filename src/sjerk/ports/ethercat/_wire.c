@@ -34,28 +34,34 @@ static int64_t read_clock(clockid_t clock)
 
 int64_t sj_wire_now(void) { return read_clock(CLOCK_MONOTONIC); }
 
-int32_t sj_wire_open(const char *interface_name)
+/* A raw socket on an interface, of frames that a filter lets pass. It hears nothing before it is bound: what
+ * came before that would be of any interface, and of any index. */
+static int32_t open_with(const char *interface_name, const struct sock_fprog *filter)
 {
-    struct sockaddr_ll address = {.sll_family = AF_PACKET,
-                                  .sll_protocol =
-                                      (uint16_t)(ETHERTYPE >> 8 | (ETHERTYPE & 255) << 8)};
+    const struct sockaddr_ll address = {.sll_family = AF_PACKET,
+                                        .sll_protocol =
+                                            (uint16_t)(ETHERTYPE >> 8 | (ETHERTYPE & 255) << 8),
+                                        .sll_ifindex = (int)if_nametoindex(interface_name)};
     const int one = 1;
-    const unsigned index = if_nametoindex(interface_name);
-    if (index == 0)
+    if (address.sll_ifindex == 0)
         return -errno;
-    address.sll_ifindex = (int)index;
-    const int fd = socket(AF_PACKET, SOCK_RAW | SOCK_CLOEXEC, address.sll_protocol);
+    const int fd = socket(AF_PACKET, SOCK_RAW | SOCK_CLOEXEC, 0);
     if (fd < 0)
         return -errno;
+    if (filter)
+        setsockopt(fd, SOL_PACKET, PACKET_QDISC_BYPASS, &one, sizeof one); /* sooner; not all can */
     if (setsockopt(fd, SOL_SOCKET, SO_TIMESTAMPNS, &one, sizeof one) < 0 ||
         setsockopt(fd, SOL_PACKET, PACKET_IGNORE_OUTGOING, &one, sizeof one) < 0 ||
-        bind(fd, (struct sockaddr *)&address, sizeof address) < 0) {
+        (filter && setsockopt(fd, SOL_SOCKET, SO_ATTACH_FILTER, filter, sizeof *filter) < 0) ||
+        bind(fd, (const struct sockaddr *)&address, sizeof address) < 0) {
         const int error = errno;
         close(fd);
         return -error;
     }
     return fd;
 }
+
+int32_t sj_wire_open(const char *interface_name) { return open_with(interface_name, NULL); }
 
 int32_t sj_wire_open_for(const char *interface_name, int32_t first, int32_t last)
 {
@@ -68,17 +74,7 @@ int32_t sj_wire_open_for(const char *interface_name, int32_t first, int32_t last
         BPF_STMT(BPF_RET | BPF_K, 0),
     };
     const struct sock_fprog program = {sizeof code / sizeof code[0], code};
-    const int one = 1;
-    const int32_t fd = sj_wire_open(interface_name);
-    if (fd < 0)
-        return fd;
-    if (setsockopt(fd, SOL_SOCKET, SO_ATTACH_FILTER, &program, sizeof program) < 0) {
-        const int error = errno;
-        close(fd);
-        return -error;
-    }
-    setsockopt(fd, SOL_PACKET, PACKET_QDISC_BYPASS, &one, sizeof one); /* sooner; not all can */
-    return fd;
+    return open_with(interface_name, &program);
 }
 
 void sj_wire_close(int32_t socket) { close(socket); }

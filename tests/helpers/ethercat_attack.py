@@ -1,0 +1,96 @@
+"""Random and forged answers to a main device, made from what it sent.
+
+What is not drawn is an answer with the right working counter, index and registers and other
+inputs: whoever forges a frame byte by byte is obeyed, as on any wire without authentication.
+"""
+
+from __future__ import annotations
+
+import random
+import struct
+from collections import deque
+from collections.abc import Iterator
+
+from helpers.ethercat_bench import APWR, BRD, FPRD, LRW, compose
+from sjerk.ports.ethercat.subdevice import Subdevice
+
+INDICES = 128
+
+
+def datagrams(frame: bytes) -> Iterator[tuple[int, int, int]]:
+    """Place, command and length of each."""
+    at, more = 16, 0x8000
+    while more and at + 12 <= len(frame):
+        size = struct.unpack_from("<H", frame, at + 6)[0]
+        more = size & 0x8000
+        yield at, frame[at], size & 0x7FF
+        at += 12 + (size & 0x7FF)
+
+
+class Attack:
+    """What comes beside, before and instead of the answers."""
+
+    def __init__(self, seed: int) -> None:
+        self.draw = random.Random(seed)
+        self.forging = 0.0  # part of the frames that is taken for the answer
+        self.past: deque[bytes] = deque(maxlen=INDICES - 8)
+
+    def forged(self, sent: bytes) -> bytes:
+        """An answer to `sent` with any data, and with wrong working counters of the drives."""
+        draw, frame = self.draw, bytearray(sent)
+        frame[6] |= 2
+        for at, command, length in datagrams(sent):
+            if at + 12 + length > len(frame):
+                break
+            if command == LRW or draw.random() < 0.3:
+                frame[at + 10 : at + 10 + length] = draw.randbytes(length)
+                wrong = draw.choice((0, 1, 2, 4, 6, 0xFFFF, draw.randrange(5, 0x10000)))
+                struct.pack_into("<H", frame, at + 10 + length, wrong)
+        return bytes(frame)
+
+    def spoilt(self, sent: bytes) -> bytes:
+        """An answer with one head turned, cut, or followed by anything; no drive has counted."""
+        draw, frame = self.draw, bytearray(sent)
+        frame[6] |= draw.choice((0, 2))
+        kind = draw.randrange(3)
+        if kind == 0:
+            at, *_ = draw.choice(list(datagrams(sent)))
+            frame[at + draw.choice((0, 1, 2, 3, 4, 5, 6, 7))] ^= draw.randrange(1, 256)
+        elif kind == 1:
+            del frame[draw.randrange(len(frame)) :]
+        else:
+            frame += draw.randbytes(draw.randrange(1514 - len(frame)))
+        return bytes(frame)
+
+    def other_main_device(self) -> bytes:
+        """What another one asks, as it comes back: its indices may be ours."""
+        draw = self.draw
+        asked = draw.choice((
+            (BRD, 0, 0x0130, bytes(2)),
+            (APWR, -draw.randrange(3), 0x0010, bytes(2)),
+            (FPRD, 0x1001, 0x0130, bytes(6)),
+            (LRW, 0x10000, 0, draw.randbytes(40)),
+        ))  # fmt: skip
+        frame = bytearray(compose(asked, index=draw.randrange(256)))
+        frame[6] |= 2
+        struct.pack_into("<H", frame, 16 + 10 + len(asked[3]), draw.choice((0, 1, 3)))
+        return bytes(frame)
+
+    def frame(self, sent: bytes) -> bytes:
+        """Any of these, an answer of before, or noise."""
+        draw = self.draw
+        if draw.random() < self.forging:
+            return self.forged(sent)
+        kind = draw.random()
+        if kind < 0.4:
+            return self.spoilt(sent)
+        if kind < 0.6:
+            return self.other_main_device()
+        if kind < 0.8 and self.past:
+            return draw.choice(self.past)
+        return draw.randbytes(draw.choice((0, 13, 16, 60, draw.randrange(1600))))
+
+
+def follower(device: Subdevice) -> bool:
+    """Whether a drive, asked itself, goes where it is told."""
+    return bool(device.controller.tx.statusword & 0x106F == 0x1027)
