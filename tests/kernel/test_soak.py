@@ -13,7 +13,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from helpers.root import STRESS
-from sjerk import Axis, Host, InputError, Limits, MotionKernel, Recording, follow_path, simulate
+from sjerk import (
+    Axis,
+    DriveConfig,
+    Host,
+    InputError,
+    Limits,
+    MotionKernel,
+    Recording,
+    follow_path,
+    simulate,
+)
 from sjerk._binding import ffi, lib
 from sjerk.kernel.trace import command_dtype
 from stress.kernel_check import check
@@ -110,6 +120,31 @@ def test_limits_of_the_goal_are_judged_not_only_those_of_the_axis() -> None:
     findings = check(found).findings
     for name in ("velocity", "jerk"):
         assert findings[f"limit of {name}"] > 0
+
+
+def test_a_drive_that_follows_again_at_speed_is_slowed_down_within_its_axis_limits() -> None:
+    """Not within the lower ones of the goal that its fault ended; beyond its own is found."""
+    lagging = DriveConfig(
+        velocity_feedforward=0.5, following_window=round(0.8 * COUNTS), following_time_ms=20
+    )
+    axis = Axis(LIMITS, COUNTS, lagging)
+    again = simulate(
+        MotionKernel([axis], T),
+        [
+            (1, lambda host: host.enable(0.0)),
+            (20, lambda host: host.move(150.0, limits=Limits(89.0, 100.0, 500.0))),
+            (794, lambda host: (host.reset(timeout=0.0), host.enable(0.0))),
+        ],
+        1200,
+    )
+    rows = again.all.frames["axis"][:, 0]
+    follows = (rows["flags"] & lib.SJ_TRACE_FOLLOWS) != 0
+    first = 1 + int(np.flatnonzero(follows[1:] & ~follows[:-1])[-1])
+    assert first > 794
+    assert rows["velocity"][first] != 0.0
+    assert not check(again).findings
+    rows["position"][first + 3] += 5e-6
+    assert check(again).findings["limit of jerk"] > 0
 
 
 def test_a_missing_and_a_second_answer_are_found() -> None:

@@ -311,6 +311,9 @@ def _allowed(
             fastest = max(limits[0], own[low:high, 0].max())
             limits[0] = min(limits[0] * max(override, 1.0), fastest)
             most = np.maximum(most, limits)
+        again = min(low + 1, n - 1)  # a drive that follows again at speed is slowed down from there
+        if joined[again] and not joined[low] and rows["velocity"][again] != 0.0:
+            most = np.maximum(most, own[again])
         if led[low:high].any():  # by a path, which keeps the limits it began under
             first = path_begins[low + int(np.argmax(led[low:high]))]
             most = np.maximum(most, own[max(first - 1, 0) : high].max(axis=0))
