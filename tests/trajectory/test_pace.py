@@ -120,7 +120,7 @@ def random_plan(seed: int) -> tuple[list[Followed], list[Limits]]:
     return list(follow(way, limits, T)), limits
 
 
-@pytest.mark.parametrize("seed", range(int(os.environ.get("SJERK_PATHS", "16"))))
+@pytest.mark.parametrize("seed", range(int(os.environ.get("SJERK_PATHS", "40"))))
 @pytest.mark.parametrize("feeding", ["at once", "slowly", "in bursts"])
 def test_any_plan_any_feeding_any_speeds(seed: int, feeding: str) -> None:
     """Limits kept in every cycle, never backward, on the path to 1e-6 of it, exact at the end."""

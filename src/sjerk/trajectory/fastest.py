@@ -11,7 +11,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from sjerk.errors import PlanError
 from sjerk.profile import FloatArray
 from sjerk.trajectory.programme import Answer, Programme, Task
 from sjerk.trajectory.spline import HALF_CYCLE, Knots, scaled, take
@@ -32,8 +31,8 @@ def places(knots: Knots, answer: Answer) -> FloatArray:
 def nearest(task: Task, knots: Knots, answer: Answer) -> FloatArray:
     """Each moment to where its way-point is nearest, by Gauss-Newton, while the order is kept."""
     moments = answer.moments
-    reach = 0.2 * knots.lengths.mean()
     for _ in range(3):
+        reach = 0.2 * knots.around(moments)
         segment, p, v, _ = knots.at(moments)
         gap = (task.points - take(p, segment, answer.control)) / task.unit
         rate = take(v, segment, answer.control) / task.unit
@@ -111,13 +110,13 @@ def feasible(
 ) -> Answer | None:
     """A motion with these moments, or with others near by where there is none; None: none found."""
     answer = first_answer(task, knots, moments, pace)
-    n, reach = len(moments), 0.3 * float(knots.lengths.mean())
+    n, reach = len(moments), 0.3
     made = settle(task, knots, answer, keep, 25)
     for _ in range(12):  # not with these moments: move them first
         if made is not None or n == 0:
             break
         step = Programme(task, knots, answer, move=True, paced=True).solve(
-            keep=keep, reach=np.full(n, reach)
+            keep=keep, reach=reach * knots.around(answer.moments)
         )
         if step is None:
             return None
@@ -136,11 +135,10 @@ def fastest(
     task: Task, knots: Knots, best: Answer, keep: float | FloatArray, rounds: int = ROUNDS
 ) -> Answer:
     """From a motion to begin with, the fastest found in so many rounds."""
-    mean, n = float(knots.lengths.mean()), len(best.moments)
-    reach, still = 0.3 * mean, 0
+    n, reach, still = len(best.moments), 0.3, 0
     for _ in range(rounds if n else 0):
         step = Programme(task, knots, best, move=True, paced=True).solve(
-            keep=keep, reach=np.full(n, reach), slower=0.2, near=1e-7
+            keep=keep, reach=reach * knots.around(best.moments), slower=0.2, near=1e-7
         )
         found, share = None, 1.0
         for share in (1.0, 0.5, 0.25) if step else ():  # along the step, less if that does not help
@@ -150,10 +148,10 @@ def fastest(
         if found is not None:
             still = still + 1 if found.pace > best.pace * (1.0 - _GAIN) else 0
             best = found
-            reach = min(reach * 1.5, 4.0 * mean) if share == 1.0 else reach * 0.7
+            reach = min(reach * 1.5, 4.0) if share == 1.0 else reach * 0.7
         else:
             reach, still = reach * 0.2, still + 1
-        if still > 2 or reach < 1e-4 * mean:
+        if still > 2 or reach < 1e-4:
             break
     return best
 
@@ -210,7 +208,7 @@ def whole(
             if not len(made.moments):
                 break
             step = Programme(task, own, made, move=True, paced=True).solve(
-                keep=keep, reach=np.full(len(made.moments), 0.3 * float(own.lengths.mean()))
+                keep=keep, reach=0.3 * own.around(made.moments)
             )
             if step is None or not _ordered(step.moments, own):
                 break
@@ -220,7 +218,7 @@ def whole(
 
 def _slowed(task: Task, knots: Knots, made: Answer, keep: float | FloatArray) -> Answer | None:
     """At pace 1 what is possible faster; from motion the moments are others then."""
-    n, reach = len(made.moments), 0.3 * float(knots.lengths.mean())
+    n = len(made.moments)
     answer = replace(made, pace=1.0)
     done = at_pace(task, knots, answer, keep, most=NONE)
     if done is not None or not n:
@@ -228,7 +226,7 @@ def _slowed(task: Task, knots: Knots, made: Answer, keep: float | FloatArray) ->
     answer = replace(answer, moments=made.moments * made.pace)  # at the same time
     for _ in range(4):
         step = Programme(task, knots, answer, move=True, paced=False).solve(
-            keep=keep, reach=np.full(n, reach)
+            keep=keep, reach=0.3 * knots.around(answer.moments)
         )
         if step is None or not _ordered(step.moments, knots):
             return None
@@ -271,13 +269,13 @@ def resolution(
 
 def in_cycles(
     task: Task, knots: Knots, best: Answer, keep: float | FloatArray
-) -> tuple[Knots, Answer]:
-    """``whole``, more slowly if need be; raises PlanError."""
+) -> tuple[Knots, Answer] | None:
+    """``whole``, more slowly if need be."""
     for slower in (1.0, 1.02, 1.1, 1.5, 2.0):
         made = whole(task, knots, replace(best, pace=best.pace * slower), keep)
         if made is not None:
             return made
-    raise PlanError("way-points: no motion in whole cycles was found")
+    return None
 
 
 def _ordered(moments: FloatArray, knots: Knots) -> bool:

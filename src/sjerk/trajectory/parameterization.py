@@ -65,6 +65,38 @@ def moments_of(
     return _smoothed(s, grid, time, float((A / J).max()))
 
 
+def gaps_between(rows: FloatArray, table: FloatArray) -> FloatArray:
+    """Cycles from row to row (n - 1,) at these moments; 0 between equal ones.
+
+    >>> gaps_between(np.array([[0.0], [0.0], [1.0]]), np.array([[0.01, 1e-4, 1e-5]])).round()
+    array([  0., 259.])
+    """
+    way = (np.diff(rows, axis=0) != 0.0).any(axis=1)
+    gaps = np.zeros(len(rows) - 1)
+    if way.any():
+        gaps[way] = np.diff(moments_of(rows[np.concatenate([[True], way])], table))
+    return gaps
+
+
+def stops_between(rows: FloatArray, table: FloatArray) -> FloatArray:
+    """Cycles from row to row (n - 1,) from rest to rest, all joints together.
+
+    With the speed v reached a ramp takes v / A + A / J, or 2 sqrt(v / J) below A; the way is v
+    times that, and more at v = V.
+
+    >>> stops_between(np.array([[0.0], [1.0]]), np.array([[0.01, 1e-4, 1e-5]])).round()
+    array([210.])
+    """
+    V, A, J = table.T
+    way = np.abs(np.diff(rows, axis=0))
+    ramped = 0.5 * A * (np.sqrt((A / J) ** 2 + 4.0 * way / A) - A / J)
+    speed = np.where(ramped >= A * A / J, ramped, (0.5 * way * np.sqrt(J)) ** (2.0 / 3.0))
+    speed = np.minimum(speed, V)
+    ramp = np.where(speed >= A * A / J, speed / A + A / J, 2.0 * np.sqrt(speed / J))
+    taken: FloatArray = np.where(way > 0.0, way / np.maximum(speed, 1e-300) + ramp, 0.0)
+    return np.asarray(taken.max(axis=1))
+
+
 def _passes(square: FloatArray, rise: FloatArray) -> FloatArray:
     """The largest squares below those given that grow and fall by no more than ``rise``.
 

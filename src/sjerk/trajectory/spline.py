@@ -25,6 +25,8 @@ IntArray = NDArray[np.int64]
 
 #: Sample and plan: q(s) = P(s - 1/2) + 5/24 A(s - 1/2), the half-cycle lemma.
 HALF_CYCLE = 5.0 / 24.0
+#: By how much knots may lie further apart per cycle, away from where they are dense.
+_GROWTH = 0.5
 
 
 class Knots:
@@ -86,6 +88,12 @@ class Knots:
         p[:, :3] += self.position[i] + x * (self.velocity[i] + self.acceleration[i] * (x / 2.0))
         return i, p, v, a
 
+    def around(self, moments: FloatArray) -> FloatArray:
+        """Lengths of the segments (m,) in which these moments lie."""
+        i = np.clip(np.searchsorted(self.time, moments, side="right") - 1, 0, len(self) - 1)
+        found: FloatArray = self.lengths[i]
+        return found
+
     def begin(
         self, position: FloatArray, velocity: FloatArray, acceleration: FloatArray
     ) -> FloatArray:
@@ -142,6 +150,30 @@ def even(cycles: int, most: float) -> IntArray:
     bounds = np.floor(np.arange(count + 1) * (cycles / count) + 0.5).astype(np.int64)
     lengths: IntArray = np.diff(bounds)
     return lengths
+
+
+def spread(moments: FloatArray, cycles: int, sizes: FloatArray) -> IntArray:
+    """Lengths for so many cycles: about ``sizes`` (n + 1,) between the moments (n,).
+
+    Lengths grow gently from one to the other; none is below 2 but for rounding.
+
+    >>> spread(np.array([8.0, 16.0]), 100, np.array([4.0, 4.0, 20.0])).tolist()
+    [4, 4, 4, 4, 6, 9, 12, 18, 19, 20]
+    """
+    at = np.concatenate([[0.0], moments, [float(cycles)]])
+    size = np.maximum(sizes, 2.0)
+    node = np.minimum(np.append(size, np.inf), np.insert(size, 0, np.inf))
+    rise = _GROWTH * at  # none larger than a neighbour allows
+    node = np.minimum.accumulate(node - rise) + rise
+    node = np.minimum.accumulate((node + rise)[::-1])[::-1] - rise
+    t = np.arange(cycles) + 0.5
+    i = np.clip(np.searchsorted(at, t, side="right") - 1, 0, len(size) - 1)
+    own = np.minimum(node[i] + _GROWTH * (t - at[i]), node[i + 1] + _GROWTH * (at[i + 1] - t))
+    share = np.concatenate([[0.0], np.cumsum(1.0 / np.clip(own, 2.0, size[i]))])
+    count = max(1, int(np.ceil(share[-1] - 1e-9)))
+    bounds = np.interp(np.arange(count + 1) * (share[-1] / count), share, np.arange(cycles + 1))
+    lengths: IntArray = np.diff(np.floor(bounds + 0.5).astype(np.int64))
+    return lengths[lengths > 0]
 
 
 def scaled(knots: Knots, cycles: int) -> IntArray:

@@ -253,7 +253,9 @@ class Untimed:
                 begun = np.where(held > 0.0, knots.time[near], found.moments)
                 found = feasible(task, knots, begun, found.pace, share)
             if found is not None:
-                return in_cycles(task, knots, fastest(task, knots, found, share), share)
+                made = in_cycles(task, knots, fastest(task, knots, found, share), share)
+                if made is not None:
+                    return made
             share = 10.0 * np.maximum(share, np.full(1, 1e-2))
         raise PlanError("points: no motion was found that keeps the limits")
 
