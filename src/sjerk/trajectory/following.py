@@ -12,7 +12,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sjerk.errors import InputError, positive
+from sjerk.errors import InputError, PlanError, positive
 from sjerk.profile import CYCLES_MAX, FloatArray, Limits
 from sjerk.trajectory.faults import FaultKind, TrajectoryError, TrajectoryFault
 from sjerk.trajectory.parameterization import gaps_between
@@ -215,7 +215,13 @@ def _windows(
         source.fill(more * (keep + lookahead * stop))
         if not len(window):
             return
-        plan = planner.plan(window, source.done)
+        try:
+            plan = planner.plan(window, source.done)
+        except PlanError:
+            if window.remainder is None:
+                raise
+            yield window.hand_out(window.remainder, np.inf)  # to rest, as it was planned before
+            continue
         cut = plan.knots.duration - (lookahead + 1.5) * stop
         if not source.done and (cut < keep / 3.0 or plan.moments[-1] <= cut + 1.0):
             # more of them are to be known, the last of them behind what is handed out

@@ -27,6 +27,10 @@ IntArray = NDArray[np.int64]
 HALF_CYCLE = 5.0 / 24.0
 #: By how much knots may lie further apart per cycle, away from where they are dense.
 _GROWTH = 0.5
+#: Segments from way-point to way-point, to stop at each: so many at least, and at most.
+_PARTS = (4.0, 32.0)
+#: Fewest segments of a motion.
+_FEWEST = 16
 
 
 class Knots:
@@ -174,6 +178,30 @@ def spread(moments: FloatArray, cycles: int, sizes: FloatArray) -> IntArray:
     bounds = np.interp(np.arange(count + 1) * (share[-1] / count), share, np.arange(cycles + 1))
     lengths: IntArray = np.diff(np.floor(bounds + 0.5).astype(np.int64))
     return lengths[lengths > 0]
+
+
+def among(
+    moments: FloatArray,
+    left: IntArray,
+    cycles: int,
+    spacing: float,
+    kept: float,
+    least: float = _PARTS[0],
+) -> IntArray:
+    """Lengths as dense as way-points at these moments (n,) need; begin with those ``left``.
+
+    ``spacing``: what the limits want; ``kept``: cycles over which the old ones stay; ``least``:
+    segments from way-point to way-point.
+    """
+    gaps = np.diff(moments, prepend=0.0, append=float(cycles))
+    sizes = np.clip(spacing, gaps / _PARTS[1], gaps / least)
+    sizes = np.minimum(sizes, cycles / _FEWEST)
+    begun = left[: int(np.searchsorted(np.cumsum(left), min(kept, cycles / 2.0)))]
+    done = int(begun.sum())
+    after = int(np.searchsorted(moments, done + 1.0))
+    rest = spread(moments[after:] - done, cycles - done, sizes[after:])
+    made: IntArray = np.concatenate([begun, rest])
+    return made
 
 
 def scaled(knots: Knots, cycles: int) -> IntArray:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sjerk.errors import PlanError
+from sjerk.errors import InputError, PlanError
 from sjerk.profile import FloatArray
 from sjerk.trajectory.fastest import (
     NONE,
@@ -23,8 +23,8 @@ from sjerk.trajectory.fastest import (
 )
 from sjerk.trajectory.parameterization import gaps_between, stops_between
 from sjerk.trajectory.programme import Answer, Task
-from sjerk.trajectory.spline import IntArray, Knots, going_on, split, spread
-from sjerk.trajectory.window import Plan, Window, stop_of, units
+from sjerk.trajectory.spline import IntArray, Knots, among, going_on, split
+from sjerk.trajectory.window import KEPT, Plan, Window, stop_of, units
 
 #: Fewest segments of a motion from rest to rest, and of one at all.
 _FEWEST = 8
@@ -37,10 +37,9 @@ _NEARLY = 0.05
 #: Where ten times the tolerance saves more than this share of a uniform stretch, it is noise.
 _NOISE = 0.05
 #: By how much a tolerance may be raised: by default to half of the fastest cycle, as times in whole
-#: cycles are wrong by.
+#: cycles are wrong by. Where more time is asked for, so many times the asked, it is an error.
 _RAISED = 10.0
-#: Knots from stop to stop: so many at least and, where the limits want more, at most.
-_LEAST, _MOST = 4.0, 32.0
+_CRAWL = 10.0
 
 
 class Timed:
@@ -127,12 +126,16 @@ class Timed:
         way = np.concatenate(rows)
         stops = self._stops(task, way, window)
         best: tuple[float, Knots, Answer] | None = None
-        if self._slowed(task, way) * float(asked[-1] if len(asked) else length) <= stops[-1]:
+        dense = len(asked) > len(self._knots(window.left, length, 1.0))
+        taken = float(asked[-1] if len(asked) else length)
+        if self._slowed(task, way, dense) * taken <= stops[-1]:
             exact, best = self._smooth(task, asked, window, length, way)
             if exact is not None:
                 return exact
+        if best is None and window.first == 0:
+            self._refuse_noise(task, asked, length, float(stops[-1]))
         if best is None or best[0] > 1.0 or best[1].duration > stops[-1] + self._tail(task):
-            made = self._finished(task, asked, self._exact(task, stops))
+            made = self._finished(task, asked, self._exact(task, stops, window.left))
             if made is not None and (
                 best is None or best[0] > 1.0 or made[1].duration < best[1].duration
             ):
@@ -181,14 +184,35 @@ class Timed:
                 break
         return None, best
 
-    def _slowed(self, task: Task, way: FloatArray) -> float:
+    def _refuse_noise(self, task: Task, asked: FloatArray, length: int, stops: float) -> None:
+        """InputError for way-points denser than knots that only a crawl could pass."""
+        knots = self._knots(np.empty(0, dtype=np.int64), length, 1.0)
+        if len(asked) < len(knots) or stops < _CRAWL * length:
+            return
+        loose = at_pace(task, knots, first_answer(task, knots, asked, 1.0), NONE)
+        if loose is not None:
+            least = (loose.excess * task.unit).tolist()
+            asked_for = self._tolerance if self._tolerance is None else self._tolerance.tolist()
+            raise InputError(
+                "tolerance", asked_for, f"must be at least {least} for way-points as noisy as these"
+            )
+
+    def _raised(self, task: Task, dense: bool) -> FloatArray:
+        """How far off a joint may be (J,) at most where that is noise."""
+        assert task.least is not None
+        most = task.unit if self._tolerance is not None and not dense else _RAISED * task.unit
+        if dense:  # as far as times in whole samples are wrong by
+            most = np.maximum(most, 0.5 * float(np.median(task.least)) * self._table[:, 0])
+        return most
+
+    def _slowed(self, task: Task, way: FloatArray, dense: bool) -> float:
         """A pace below which no motion passes the way-points evenly slowed, within a tolerance.
 
         Somewhere between k + 1 of them a k-th derivative is k! times their divided difference.
         """
         assert task.least is not None
         at = np.concatenate([[0.0], np.cumsum(task.least)])
-        table, noise, pace = way, np.broadcast_to(task.unit, way.shape), 1.0
+        table, noise, pace = way, np.broadcast_to(self._raised(task, dense), way.shape), 1.0
         for k in range(1, min(4, len(way))):
             gap = (at[k:] - at[:-k])[:, None] / k
             table, noise = np.diff(table, axis=0) / gap, (noise[1:] + noise[:-1]) / gap
@@ -206,23 +230,17 @@ class Timed:
             gaps[0] += float((np.abs(v) / A + A / J + np.abs(a) / J).max())
         return window.going_on(np.cumsum(np.maximum(gaps, task.least)))
 
-    def _exact(self, task: Task, moments: FloatArray) -> _Start:
+    def _exact(self, task: Task, moments: FloatArray, left: IntArray) -> _Start:
         """From stop to stop: knots as dense as these way-points need, a motion that always is."""
         length = max(int(np.ceil(moments[-1] + self._tail(task))), 2 * _FEWEST)
         if task.end is not None:
             moments = moments[:-1]
-        knots = self._between(moments, length)
+        knots = Knots(among(moments, left, length, self._spacing, KEPT * self._stop))
         task = replace(task, speed=None)
         answer = None
         for pace in (1.0, 1.5, 4.0):
             answer = answer or feasible(task, knots, moments, pace, 1.0)
         return _Start(task, knots, moments, np.arange(len(moments)), 1.0, answer)
-
-    def _between(self, moments: FloatArray, length: int) -> Knots:
-        """Knots as dense as way-points at these moments need them."""
-        gaps = np.diff(moments, prepend=0.0, append=float(length))
-        sizes = np.clip(self._spacing, gaps / _MOST, gaps / _LEAST)
-        return Knots(spread(moments, length, np.minimum(sizes, length / (2.0 * _FEWEST))))
 
     def _finished(
         self, task: Task, asked: FloatArray, start: _Start
@@ -242,12 +260,13 @@ class Timed:
         every = _between(start.moments, few, answer.moments, asked, ends)
         answer = replace(answer, moments=every)
         answer = at_pace(task, final, answer, keep) or answer
-        far = float((np.abs(places(final, answer) - task.points) / task.unit).max())
-        return far / (3.0 * float(np.max(keep))), final, answer
+        far = np.abs(places(final, answer) - task.points) / (task.unit * keep)
+        return float(far.max()) / 3.0, final, answer
 
     def _start(self, task: Task, moments: FloatArray, left: IntArray, length: int) -> _Start:
         """A motion to begin with; the tolerance is raised, tenfold at most, if it is noise."""
-        knots, own = self._knots(left, length, 1.0), self._between(moments, length)
+        knots = self._knots(left, length, 1.0)
+        own = Knots(among(moments, left, length, self._spacing, KEPT * self._stop))
         few: IntArray = np.arange(len(moments))
         if len(own) <= len(knots):  # none for each way-point, or not everywhere as many
             knots = own
@@ -259,20 +278,24 @@ class Timed:
             )
         least = _sums(task.least, few, task.end is not None)
         thin = replace(task, points=task.points[few], speed=None, least=least)
-        keep: float | FloatArray = 1.0
+        keep = np.ones((1, len(task.unit)))
         if float(knots.lengths.mean()) > 2.0:  # with the finest knots only time helps
-            keep = resolution(thin, knots, moments[few], 1.0)
+            keep = keep * resolution(thin, knots, moments[few], 1.0)
+        most = self._raised(task, len(few) < len(moments)) / task.unit[None]
         answer = None
-        if np.max(keep) <= _RAISED:
+        if (keep <= most).all():
             for pace in (1.0, 4.0):  # from nearer the optimum where that is far
                 answer = answer or feasible(thin, knots, moments[few], pace, keep)
-            if answer is None or answer.pace > 1.0 + _NOISE:
-                more = np.maximum(keep, _RAISED)
+            while (keep < most).any() and (answer is None or answer.pace > 1.0 + _NOISE):
+                more = np.minimum(10.0 * keep, most)
                 other = feasible(thin, knots, moments[few], 1.0, more)
-                if other is not None and (
-                    answer is None or other.pace <= (1.0 - _NOISE) * answer.pace
-                ):
+                slow = np.inf if answer is None else (1.0 - _NOISE) * answer.pace
+                if other is not None and other.pace <= slow:
                     answer, keep = other, more
+                elif answer is not None:
+                    break
+                else:
+                    keep = more
         return _Start(thin, knots, moments, few, keep, answer)
 
 

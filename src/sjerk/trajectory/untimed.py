@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,12 +20,13 @@ from sjerk.profile import FloatArray, Limits
 from sjerk.trajectory.corridor import Corridor
 from sjerk.trajectory.fastest import NONE, fastest, feasible, in_cycles, resolution
 from sjerk.trajectory.joining import stops_of
-from sjerk.trajectory.parameterization import moments_of
+from sjerk.trajectory.parameterization import moments_of, stops_between
 from sjerk.trajectory.programme import Answer, Task
 from sjerk.trajectory.segments import Followed, IntArray, Knot, in_blocks
-from sjerk.trajectory.spline import Knots, going_on, split, through
+from sjerk.trajectory.spline import Knots, among, through
 from sjerk.trajectory.window import (
     HAND_OUT,
+    KEPT,
     LOOKAHEAD,
     Plan,
     Window,
@@ -36,8 +37,10 @@ from sjerk.trajectory.window import (
     units,
 )
 
-#: Knots per way-point where these are to be met exactly, and fewest of a motion.
-_PER_POINT, _FEWEST = 1.6, 40
+#: Segments from way-point to way-point, where these are passed and where they are stops.
+_PASSING, _STOPPING = 2.0, 4.0
+#: By how much a start may become shorter, roughly.
+_HOPE = 1.5
 #: Way-points of a window, to begin with; and most for which stopping at each is compared.
 _SOME, _STOPS = 32, 64
 
@@ -148,13 +151,21 @@ def _windows(
     while done < len(kept) or len(window):
         done = _fill(window, path, kept, done, table, horizon)
         ends = done == len(kept)
-        found = planner.plan(window)
+        cut = np.inf
+        try:
+            found = planner.plan(window)
+        except PlanError:
+            if window.remainder is None:
+                raise
+            found = window.remainder  # to rest, as it was planned before
+        else:
+            if not ends:
+                cut = max(found.knots.duration - lookahead * stop, 1.0)
         if ends and window.first == 0 and len(path) <= _STOPS:
             still = stops_of(names, list(_stops(path, limits, T)), path, kept)
             if int(still.cycles.sum()) < found.knots.duration + 1.0:
                 yield still
                 return
-        cut = np.inf if ends else max(found.knots.duration - lookahead * stop, 1.0)
         made = window.hand_out(found, cut)
         point = made.passed.point
         yield replace(
@@ -228,24 +239,53 @@ class Untimed:
     ) -> tuple[Knots, Answer]:
         assert task.end is not None
         rows = np.concatenate([np.zeros_like(task.end)[None], task.points, task.end[None]])
-        moments = moments_of(rows, self._table, task.start[1] if window.state.moving else None)
+        moving = window.state.moving
+        passes = moments_of(rows, self._table, task.start[1] if moving else None)[1:]
+        gaps = stops_between(rows, self._table)
+        if moving:
+            _, v, a = task.start
+            _, A, J = self._table.T
+            gaps[0] += float((np.abs(v) / A + A / J + np.abs(a) / J).max())
+        stops = np.cumsum(gaps)
         if self._corridor is None:
-            moments = np.append(0.0, window.going_on(moments[1:]))
-        length = max(8, int(np.ceil(moments[-1])))
-        most = min(self._spacing, length / _FEWEST)
-        if np.max(keep) <= NONE and len(task.points):  # to be met exactly: knots enough
-            most = min(most, float(np.quantile(np.diff(moments), 0.05)) / _PER_POINT)
-        most = min(max(most, 2.0), length / 8.0)
-        knots = Knots(split(going_on(window.left, length, most), most))
-        begun = np.minimum(moments[1:-1], length - 1e-3)
+            passes, stops = window.going_on(passes), window.going_on(stops)
+        held = _on_limits(task)
+        found = [
+            self._begun(task, keep, moments, window.left, least, held)
+            for moments, least in ((passes, _PASSING), (stops, _STOPPING))
+        ]
+        best: tuple[Knots, Answer] | None = None
+        for begun in sorted((x for x in found if x is not None), key=lambda x: x.length):
+            if best is not None and best[0].duration <= begun.length / _HOPE:
+                continue
+            own, knots, share = begun.task, begun.knots, begun.keep
+            made = in_cycles(own, knots, fastest(own, knots, begun.answer, share), share)
+            if made is not None and (best is None or made[0].duration < best[0].duration):
+                best = made
+        if best is None:
+            raise PlanError("points: no motion was found that keeps the limits")
+        return best
+
+    def _begun(
+        self,
+        task: Task,
+        keep: float | FloatArray,
+        moments: FloatArray,
+        left: IntArray,
+        least: float,
+        held: FloatArray | None,
+    ) -> _Start | None:
+        """A motion with about these moments, to begin with; None: there is none."""
+        length = max(16, int(np.ceil(moments[-1])))
+        begun = np.minimum(moments[:-1], length - 1e-3)
+        knots = Knots(among(begun, left, length, self._spacing, KEPT * self._stop, least))
         share: FloatArray = np.atleast_1d(
             np.maximum(keep, resolution(task, knots, begun, keep))
         ).astype(np.float64)
-        held = _on_limits(task)
         free = task if held is None else replace(task, box=None)
         task = replace(task, held=held)
-        for _ in range(8):
-            found = feasible(free, knots, begun, 1.0, share)
+        for pace in (1.0, 1.5, 4.0):
+            found = feasible(free, knots, begun, pace, share)
             if found is not None and held is not None:  # inside the limits, a knot at each turn
                 found = fastest(free, knots, found, share)
                 knots = Knots(through(knots.lengths.astype(np.int64), found.moments[held > 0.0]))
@@ -253,11 +293,22 @@ class Untimed:
                 begun = np.where(held > 0.0, knots.time[near], found.moments)
                 found = feasible(task, knots, begun, found.pace, share)
             if found is not None:
-                made = in_cycles(task, knots, fastest(task, knots, found, share), share)
-                if made is not None:
-                    return made
-            share = 10.0 * np.maximum(share, np.full(1, 1e-2))
-        raise PlanError("points: no motion was found that keeps the limits")
+                return _Start(task, knots, share, found)
+        return None
+
+
+@dataclass(frozen=True, eq=False)
+class _Start:
+    """A motion for a task, within so many tolerances."""
+
+    task: Task
+    knots: Knots
+    keep: FloatArray
+    answer: Answer
+
+    @property
+    def length(self) -> float:
+        return self.answer.pace * self.knots.duration
 
 
 def _on_limits(task: Task) -> FloatArray | None:

@@ -7,7 +7,7 @@ here: which way-points belong together, how fast they may be passed.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,6 +21,8 @@ from sjerk.trajectory.spline import Knots
 
 #: Stops that a window looks ahead of what it hands out, and hands out at a time.
 LOOKAHEAD, HAND_OUT = 5.0, 5.0
+#: Stops over which it begins with the knots of the one before.
+KEPT = 2.0
 #: The tolerance of way-points, where none is given: of a joint's way and of its fastest cycle.
 WAY_SHARE, CYCLE_SHARE = 1e-4, 0.05
 
@@ -105,6 +107,7 @@ class Window:
         self.over = 0.0
         self.left: IntArray = np.empty(0, dtype=np.int64)  # segments planned and not handed out
         self.begun = np.empty(0)  # and moments of the plan, of the first of the way-points
+        self.remainder: Plan | None = None
         self.first, self.first_cycle, self.next_point = 0, 0, 1
         self._lost = 0.0  # cycles of stretch that are not whole yet
 
@@ -167,11 +170,18 @@ class Window:
             self._passed(plan, passed),
         )  # fmt: skip
         np.minimum(made.ahead, self.next_point + len(self.points) - 1, out=made.ahead)
+        origin = self.state.position
         self._forget(plan, passed, int(ends[-1]))
         self.begun = plan.answer.moments[passed:] - int(ends[-1])
         self.left = knots.lengths[count:].astype(np.int64)
         self.first += count
         self.state = Knot.of(made)
+        self.remainder = None
+        if len(self.left):  # what was planned behind it, to rest: a way on, whatever comes
+            control = plan.answer.control[count:] + (origin - self.state.position)
+            answer = replace(plan.answer, control=control, moments=self.begun)
+            later = plan.asked[passed:] - ends[-1], plan.moments[passed:] - ends[-1]
+            self.remainder = Plan(Knots(self.left), answer, *later, plan.rests)
         return made
 
     def _passed(self, plan: Plan, count: int) -> Passed:
