@@ -29,6 +29,8 @@ HALF_CYCLE = 5.0 / 24.0
 _GROWTH = 0.5
 #: Segments from way-point to way-point, to stop at each: so many at least, and at most.
 _PARTS = (4.0, 32.0)
+#: Segments of a motion past few way-points, where the limits want so many.
+_MANY = 200.0
 #: Fewest segments of a motion.
 _FEWEST = 16
 
@@ -194,7 +196,8 @@ def among(
     segments from way-point to way-point.
     """
     gaps = np.diff(moments, prepend=0.0, append=float(cycles))
-    sizes = np.clip(spacing, gaps / _PARTS[1], gaps / least)
+    most = max(_PARTS[1], _MANY / len(gaps))
+    sizes = np.clip(spacing, gaps / most, gaps / least)
     sizes = np.minimum(sizes, cycles / _FEWEST)
     begun = left[: int(np.searchsorted(np.cumsum(left), min(kept, cycles / 2.0)))]
     done = int(begun.sum())

@@ -42,7 +42,7 @@ _PASSING, _STOPPING = 2.0, 4.0
 #: By how much a start may become shorter, roughly.
 _HOPE = 1.5
 #: Way-points of a window, to begin with; and most for which stopping at each is compared.
-_SOME, _STOPS = 32, 64
+_SOME, _STOPS = 16, 64
 
 
 def follow_path(
