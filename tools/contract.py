@@ -17,6 +17,7 @@ SOURCES = Path(__file__).resolve().parent.parent / "src" / "sjerk"
 #: From the ground up: each header needs only those before it.
 HEADERS = (
     "base/_types.h",
+    "base/_build.h",
     "planner/_planner.h",
     "dpram/_dpram.h",
     "drive/_words.h",

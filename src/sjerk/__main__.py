@@ -7,12 +7,13 @@ kernel, or it ended, 130 stopped by Ctrl-C.
 
 from __future__ import annotations
 
-import argparse
 import sys
 
 from sjerk.cli import (
     clean,
+    completion,
     demo,
+    doctor,
     drive,
     ethercat,
     follow,
@@ -21,16 +22,22 @@ from sjerk.cli import (
     kernel,
     monitor,
     move,
+    new,
+    panel,
     plot,
     power,
     record,
     report,
+    ros1,
     ros2,
     simulate,
     status,
     stop,
 )
 from sjerk.cli.arguments import shielded
+from sjerk.cli.next_step import next_step
+from sjerk.cli.parser import Parser
+from sjerk.cli.version import Version
 from sjerk.errors import (
     KernelGoneError,
     MotionStoppedError,
@@ -44,6 +51,7 @@ _EPILOG = (__doc__ or "").partition("\n\n")[2]
 #: The verbs in the order in which the help lists them.
 _VERBS = (
     demo,
+    new,
     kernel,
     power,
     home,
@@ -52,24 +60,30 @@ _VERBS = (
     stop,
     status,
     monitor,
+    panel,
     report,
     record,
     plot,
     simulate,
     follow,
     drive,
+    ros1,
     ros2,
     ethercat,
     clean,
+    doctor,
+    completion,
 )
 
 
-def arguments() -> argparse.ArgumentParser:
+def arguments() -> Parser:
     """The parser of ``python -m sjerk``."""
-    parser = argparse.ArgumentParser(prog="sjerk", description="A motion kernel.", epilog=_EPILOG)
+    parser = Parser(prog="sjerk", description="A motion kernel.", epilog=_EPILOG)
+    parser.add_argument("--version", action=Version, help="of sjerk and of its build, then end")
     jobs = parser.add_subparsers(dest="job", required=True)
     for verb in _VERBS:
         verb.add_arguments(jobs)
+    parser.set_defaults(parser=parser)
     return parser
 
 
@@ -83,10 +97,11 @@ _CODES: dict[type[Exception], int] = {
 
 
 def told(error: Exception) -> str:
-    """An error in one line; of the system's own, the file and the reason without the number."""
+    """An error in one line, with what helps; of the system's own without the number."""
+    said = str(error)
     if isinstance(error, OSError) and error.filename is not None:
-        return f"{error.filename}: {error.strerror}"
-    return str(error)
+        said = f"{error.filename}: {error.strerror}"
+    return "; ".join(filter(None, (said, next_step(error))))
 
 
 def main(argv: list[str] | None = None) -> int:

@@ -39,7 +39,7 @@ class ExtraMissingError(SjerkError, ImportError):
     """What was asked for needs ``module``, which comes with the extra ``sjerk[extra]``."""
 
     def __init__(self, module: str, extra: str) -> None:
-        super().__init__(f"module {module!r} is not installed: the extra is sjerk[{extra}]")
+        super().__init__(f"module {module!r} is not installed: pip install 'sjerk[{extra}]'")
         self.module = module
         self.extra = extra
 

@@ -6,6 +6,7 @@ planner does not convert it again for every plan. Never here: motion.
 
 from __future__ import annotations
 
+import math
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -15,6 +16,8 @@ from sjerk.errors import InputError, positive, real
 
 #: Cycle times for which a ``Limits`` keeps its values per cycle.
 _CYCLE_TIMES_KEPT = 16
+#: Limits that may be infinite.
+_JERKS = ("jerk", "deceleration_jerk")
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,8 +29,11 @@ class Limits:
     limit the acceleration against it. ``position`` is the range (low, high) in u that targets must
     lie in; None is no range. The paper's V_max, Acc_max, J_max, Dec_max.
 
-    Raises ``InputError`` for anything but finite numbers greater than zero, and for a range whose
-    low end is not below its high end.
+    ``jerk`` and ``deceleration_jerk`` may be ``math.inf``: the acceleration is limited only, and
+    may go from any value to any other within one control cycle (``docs/explanation/planner.md``).
+
+    Raises ``InputError`` for anything but numbers greater than zero, finite but for the jerks, and
+    for a range whose low end is not below its high end.
 
     >>> Limits(velocity=90.0, acceleration=500.0, jerk=5000.0).deceleration
     500.0
@@ -39,7 +45,8 @@ class Limits:
     deceleration: float | None = None
     deceleration_jerk: float | None = None
     position: tuple[float, float] | None = None
-    #: For C calls: an ``sj_limits`` per second. Empty with a range, which each target is held to.
+    #: For C calls: an ``sj_limits`` per second. Empty with a range, which each target is held to,
+    #: and where a jerk is free, which is a number per cycle only.
     memory: bytes = field(init=False, repr=False, compare=False, default=b"")
     _cycled: dict[float, bytes] = field(init=False, repr=False, compare=False, default_factory=dict)
 
@@ -63,8 +70,9 @@ class Limits:
             value = getattr(self, name)
             if value is None and fallback is not None:
                 value = getattr(self, fallback)
-            object.__setattr__(self, name, positive(name, value))
-        if self.position is None:
+            free = value.__class__ is float and value == math.inf and name in _JERKS
+            object.__setattr__(self, name, value if free else positive(name, value))
+        if self.position is None and not self.jerk_is_free:
             numbers = self.velocity, self.acceleration, self.jerk, *self.braking
             object.__setattr__(self, "memory", struct.pack("5d", *numbers))
 
@@ -111,9 +119,20 @@ class Limits:
         assert self.deceleration_jerk is not None
         return self.deceleration, self.deceleration_jerk
 
+    @property
+    def jerk_is_free(self) -> bool:
+        """Whether a jerk is without a limit, ``math.inf``.
+
+        >>> Limits(90.0, 500.0, math.inf).jerk_is_free
+        True
+        """
+        return self.jerk == math.inf or self.deceleration_jerk == math.inf
+
     def per_cycle(self, cycle_time: float) -> bytes:
         """For C calls: the limits per cycle of ``cycle_time`` seconds, as an ``sj_limits``.
 
+        A free jerk is what takes the acceleration from one limit to the other in one cycle: in
+        whole cycles no plan within the limits of acceleration has more.
         Made once per cycle time. Raises ``InputError`` for a cycle time that is not positive.
 
         >>> len(Limits(90.0, 500.0, 5000.0).per_cycle(1e-3))
@@ -123,18 +142,33 @@ class Limits:
         if made is None:
             T = positive("cycle_time", cycle_time)
             deceleration, deceleration_jerk = self.braking
-            made = struct.pack(
-                "5d",
-                self.velocity * T,
-                self.acceleration * T**2,
-                self.jerk * T**3,
-                deceleration * T**2,
-                deceleration_jerk * T**3,
-            )
+            up, down = self.acceleration * T**2, deceleration * T**2
+            jerks = [
+                up + down if jerk == math.inf else jerk * T**3
+                for jerk in (self.jerk, deceleration_jerk)
+            ]
+            made = struct.pack("5d", self.velocity * T, up, jerks[0], down, jerks[1])
             # with a range every target is looked at anyway
             if self.position is None and len(self._cycled) < _CYCLE_TIMES_KEPT:
                 self._cycled[T] = made
         return made
+
+
+def jerk_limited(limits: Sequence[Limits]) -> Sequence[Limits]:
+    """Refuse limits without a jerk, one per joint, for motions that need one; ``InputError``.
+
+    >>> len(jerk_limited([Limits(2.0, 4.0, 500.0)]))
+    1
+    """
+    for i, limit in enumerate(limits):
+        if limit.jerk_is_free:
+            name, jerk = ("jerk", limit.jerk)
+            if jerk != math.inf:
+                name, jerk = "deceleration_jerk", limit.braking[1]
+            raise InputError(
+                f"limits[{i}].{name}", jerk, "must be finite for a motion of this kind"
+            )
+    return limits
 
 
 def limits_of_each(limits: Any, joints: int) -> list[Limits]:
@@ -210,3 +244,15 @@ class State:
         for name, number in zip(("position", "velocity", "acceleration"), numbers, strict=True):
             object.__setattr__(self, name, number)
         object.__setattr__(self, "memory", struct.pack("3d", *numbers))
+
+
+def behind(sample: State, T: float) -> tuple[float, float, float]:
+    """P, V, A of the continuous motion at a sample without jerk; with -T at the end before it.
+
+    The half-cycle lemma (``docs/architecture.md``) with j = 0, from either side of the sample.
+
+    >>> behind(State(0.0, 2.0), 0.5), behind(State(0.0, 2.0), -0.5)
+    ((0.5, 2.0, 0.0), (-0.5, 2.0, 0.0))
+    """
+    q, v, a = sample.position, sample.velocity, sample.acceleration
+    return q + 0.5 * T * v - T**2 / 12.0 * a, v + 0.5 * T * a, a

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 
 from sjerk._binding import lib
 from sjerk.errors import InfeasibleError, InputError, positive, real
-from sjerk.limits import Limits, State
+from sjerk.limits import Limits, State, behind
 from sjerk.phases import COLUMNS, CYCLES_MAX, Extrema, FloatArray, Phase, Plan, Range, Samples
 
 __all__ = [
@@ -37,7 +37,7 @@ __all__ = [
     "scurve",
 ]
 
-#: Relative slack of the whole-cycle roundings, so that 0.1 / 0.001 is 100 cycles and not 101.
+#: Relative slack of whole-cycle roundings: 0.1 / 0.001 is 100 cycles, not 101.
 ROUNDING_SLACK = 1e-11
 
 
@@ -84,10 +84,7 @@ class Profile(Plan):
         if hasattr(self, "_nodes"):
             return self._nodes
         T_s = self._cycle_time
-        # Half-cycle lemma, no jerk before the start: the continuous state behind the first sample.
-        A = self._start.acceleration
-        V = self._start.velocity + 0.5 * T_s * A
-        P = self._start.position + 0.5 * T_s * self._start.velocity - T_s**2 / 12.0 * A
+        P, V, A = behind(self._start, T_s)
         done = 0
         nodes = [(0.0, P, V, A)]
         for phase in self.phases:
@@ -98,6 +95,9 @@ class Profile(Plan):
             A += phase.jerk * t
             done += phase.cycles
             nodes.append((done * T_s, P, V, A))
+        end = behind(self._end, -T_s)
+        if abs(end[0] - P) <= 1e-6 * max(abs(node[1]) for node in nodes):
+            nodes[-1] = (done * T_s, *end)  # it leads there: as asked, without rounding
         jerks = np.array([*(phase.jerk for phase in self.phases), 0.0])
         time, position, velocity, acceleration = np.array(nodes).T.copy()
         self._nodes = (time, position, velocity, acceleration, jerks)
@@ -107,8 +107,8 @@ class Profile(Plan):
         """Return the planned motion at time ``t`` in closed form, Eqs. (1)-(6).
 
         ``t`` in seconds from the start, scalar or array; before 0 and after ``duration`` the motion
-        is the one of that moment held at its velocity. Fields have the shape of ``t``, in u, u/s,
-        u/s^2 and u/s^3.
+        is the one of that moment held at its velocity. From ``duration`` on it is exactly that of
+        ``end``. Fields have the shape of ``t``, in u, u/s, u/s^2 and u/s^3.
 
         >>> profile = scurve(160.0, Limits(90.0, 500.0, 5000.0), 1e-3)
         >>> round(float(profile.at(profile.duration / 2).velocity), 9) <= 90.0

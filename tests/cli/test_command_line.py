@@ -5,11 +5,13 @@ from __future__ import annotations
 import json
 import math
 import os
+import platform
 import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from importlib import metadata
 from pathlib import Path
 from types import SimpleNamespace
 from typing import cast
@@ -18,6 +20,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from helpers.root import ROOT
 from sjerk import Axis, InputError, Limits, Monitor, MotionKernel, Recording
 from sjerk.__main__ import arguments, main
 from sjerk.cli import common
@@ -115,7 +118,9 @@ def test_a_file_that_cannot_be_opened_is_told_by_its_name(
     """No number of the system's error; a folder, a file that is not there, a socket nobody has."""
     missing = tmp_path / "robot.toml"
     assert main(["kernel", str(missing)]) == 1
-    assert capsys.readouterr().err == f"sjerk: {missing}: No such file or directory\n"
+    assert capsys.readouterr().err == (
+        f"sjerk: {missing}: No such file or directory; `sjerk new {missing}` writes one\n"
+    )
     assert main(["kernel", str(tmp_path)]) == 1
     assert capsys.readouterr().err == f"sjerk: {tmp_path}: Is a directory\n"
     nowhere = tmp_path / "none"
@@ -257,6 +262,39 @@ def test_a_picture_of_an_unknown_kind_is_refused_first(capsys: pytest.CaptureFix
     assert ".png" in told
 
 
+def test_points_before_and_after_resampling_are_drawn(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As many as ``resample`` keeps; what is no trajectory is refused with its file."""
+    file = tmp_path / "way.csv"
+    rows = [f"{0.1 * k},{0.2 * k},{0.1 * k}" for k in range(9)]
+    file.write_text("\n".join(["time,a,b", *rows]) + "\n")
+    assert main(["plot", str(file), "--resample", "0.5"]) == 0
+    assert "9 points, 3 kept" in capsys.readouterr().out
+    assert file.with_suffix(".png").stat().st_size > 1000
+    assert main(["plot", str(file), "--resample", "-1"]) == 1
+    assert "delta" in capsys.readouterr().err
+    assert main(["plot", str(file), "--resample", "0.5", "--axes", "2"]) == 1
+    assert "0 .. 1" in capsys.readouterr().err
+    file.write_text("no numbers")
+    assert main(["plot", str(file), "--resample", "0.5"]) == 1
+    assert "way.csv" in capsys.readouterr().err
+
+
+def test_a_panel_is_refused_before_anything_runs(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A robot that is no file, a table that says something unknown, a port that is none."""
+    assert main(["panel", "none.toml"]) == 1
+    assert "none.toml" in capsys.readouterr().err
+    assert main(["panel", "--port", "70000"]) == 1
+    assert "65535" in capsys.readouterr().err
+    file = tmp_path / "robot.toml"
+    file.write_text(FILE + "\n[panel]\nmeshes = 1\n")
+    assert main(["panel", str(file)]) == 1
+    assert "panel.meshes" in capsys.readouterr().err
+
+
 def test_a_missing_extra_is_named_with_its_module(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
@@ -268,7 +306,7 @@ def test_a_missing_extra_is_named_with_its_module(
     monkeypatch.delitem(sys.modules, "sjerk.recording.parquet", raising=False)
     assert main(["kernel", str(file), "--record", "a.parquet", "--seconds", "1"]) == 1
     told = capsys.readouterr().err
-    assert told == "sjerk: module 'pyarrow' is not installed: the extra is sjerk[record]\n"
+    assert told == "sjerk: module 'pyarrow' is not installed: pip install 'sjerk[record]'\n"
 
 
 def test_where_no_kernel_runs_is_told_like_an_unknown_one(
@@ -278,7 +316,7 @@ def test_where_no_kernel_runs_is_told_like_an_unknown_one(
     monkeypatch.setattr(common, "clean", lambda dry_run: [])
     for job in ("status", "enable", "monitor", "report"):
         assert main([job]) == 6
-        assert capsys.readouterr().err == "sjerk: no kernel runs\n"
+        assert capsys.readouterr().err.startswith("sjerk: no kernel runs; `sjerk kernel ")
     assert main(["status", "--name", f"nobody-{os.getpid()}"]) == 6
     capsys.readouterr()
     assert main(["status", "--name", ""]) == 1
@@ -412,3 +450,37 @@ def test_the_live_table_needs_no_host(tmp_path: Path) -> None:
         shown = sjerk("monitor", "--seconds", "0.3", "--name", kernel.name)
         assert shown.returncode == 0, shown.stderr
         assert "DISABLED" in shown.stdout
+
+
+def test_the_version_is_that_of_the_installation(capsys: pytest.CaptureFixture[str]) -> None:
+    """One line: the version, what built the extension, what runs it; exit code 0."""
+    with pytest.raises(SystemExit) as ended:
+        main(["--version"])
+    assert ended.value.code == 0
+    told = capsys.readouterr().out
+    assert told.startswith(f"sjerk {metadata.version('sjerk')} (")
+    assert told.count("\n") == 1
+    assert all(word in told for word in (platform.machine(), platform.python_version()))
+
+
+def test_messages_name_the_next_step(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A goal for drives that are off, and none that runs: each names the verb that helps."""
+    with MotionKernel([Axis(Limits(90.0, 500.0, 5000.0), 1e3, drive="ideal")]) as kernel:
+        assert main(["move", "1", "--name", kernel.name]) == 3
+        told = capsys.readouterr().err
+        assert told.count("\n") == 1
+        assert "`sjerk enable` enables them" in told
+    assert main(["move", "1", "--name", kernel.name]) == 6
+    assert "`sjerk kernel robot.toml` starts one" in capsys.readouterr().err
+
+
+def test_a_soak_that_is_not_there_is_refused_before_anything_is_installed(tmp_path: Path) -> None:
+    """In a copy of the script alone, where an installation could only fail."""
+    copy = tmp_path / "run"
+    copy.write_bytes((ROOT / "run").read_bytes())
+    for words in (["stress"], ["stress", "kernel_host"], ["stress", "../drive"]):
+        done = subprocess.run(["sh", str(copy), *words], capture_output=True, text=True)
+        assert done.returncode == 1
+        assert "(handshake, kernel, stop, streams)" in done.stderr
+        assert done.stderr.count("\n") == 1
+    assert not (tmp_path / ".venv").exists()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
@@ -123,6 +124,35 @@ def test_the_demo_arrives_and_draws(tmp_path: Path) -> None:
     assert fed["10 deg: overshoot"][3] <= 0.3 < fed["10 deg: overshoot"][1]
     assert "computing time" in out
     assert "100 %" in err
+
+
+def _without_namespaces(folder: Path) -> dict[str, str]:
+    """An environment whose `unshare` refuses, as on a machine that does not let users have any."""
+    refusing = folder / "unshare"
+    refusing.write_text("#!/bin/sh\necho 'unshare: unshare failed: not permitted' >&2\nexit 1\n")
+    refusing.chmod(0o755)
+    return {**os.environ, "PATH": f"{folder}:{os.environ['PATH']}"}
+
+
+def test_the_demo_on_a_cable_says_in_one_line_what_is_missing(tmp_path: Path) -> None:
+    """No namespace, or no program that makes one: exit code 1, nothing has moved."""
+    nowhere = {**os.environ, "PATH": str(tmp_path / "empty")}
+    for environment, said in (
+        (_without_namespaces(tmp_path), "no network namespace with a pair of cables: unshare: "),
+        (nowhere, "a network namespace needs the program unshare"),
+    ):
+        done = subprocess.run(
+            [sys.executable, "-m", "sjerk", "demo", "--ethercat", "--out", str(tmp_path / "a.png")],
+            capture_output=True,
+            text=True,
+            env=environment,
+            timeout=60,
+        )
+        assert done.returncode == 1
+        assert done.stderr.count("\n") == 1
+        assert said in done.stderr
+        assert not done.stdout
+    assert not (tmp_path / "a.png").exists()
 
 
 def test_ctrl_c_stops_the_motor_along_a_ramp(tmp_path: Path) -> None:

@@ -339,6 +339,19 @@ def together(r: Requests, T: float, axes: int) -> NDArray[Any]:
     return made
 
 
+def velocities(r: Requests, T: float, axes: int) -> NDArray[Any]:
+    """Changes of velocity of several axes each, done in the same cycle as the slowest."""
+    made, plans, (limits, _keep), rows = _rows(r, T)
+    alone, mode = changes(r, T), ffi.new("int32_t *")
+    for i in range(0, len(rows), axes):
+        mode[0] = lib.SJ_SYNC_TIME
+        asked = [[0.0, *row[1:]] for row in rows[i : i + axes]]
+        status = lib.sj_plan_velocities(axes, asked, limits + i, mode, plans + i)
+        assert status == lib.SJ_PLAN_OK, (i, status, asked)
+        assert set(made["cycles"][i : i + axes]) == {alone["cycles"][i : i + axes].max()}
+    return made
+
+
 def lands(r: Requests, made: NDArray[Any], T: float) -> Array:
     """What the interpolator has to spread per plan, in units in the last place of the way.
 

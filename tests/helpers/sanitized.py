@@ -43,6 +43,17 @@ def build(folder: Path) -> None:
     )  # fmt: skip
 
 
+def library(name: str) -> str | None:
+    """Where the compiler has a library of the sanitizers, to be preloaded; None: it has none."""
+    found = subprocess.run(
+        [os.environ.get("CC", "cc"), f"-print-file-name={name}"],
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout.strip()
+    return found if os.path.isabs(found) else None
+
+
 def main() -> int:
     """Test the package in the given folder."""
     folder = Path(sys.argv[1])

@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import math
 import random
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
+import ruckig
 from numpy.typing import NDArray
 
 from sjerk import GoalStream, Limits, State, plan
@@ -42,6 +42,12 @@ class Draw:
         """Whether no goal is late, and each known 0.75 stops before the last period begins."""
         known = self.delay * self.period - float(np.diff(self.times).max(initial=self.period))
         return bool((self.arrivals == self.times).all()) and known >= 0.75 * self.stop
+
+    @property
+    def one_way(self) -> bool:
+        """Whether no joint's goals turn by more than their noise."""
+        steps, noise = np.diff(self.goals, axis=0), 2.0 * self.count
+        return bool(((steps >= -noise).all(axis=0) | (steps <= noise).all(axis=0)).all())
 
     @property
     def stop(self) -> float:
@@ -110,7 +116,8 @@ class Outcome:
     blocks: list[Followed] = field(default_factory=list)
     known: list[int] = field(default_factory=list)  # goals known when each block was made
     done: bool = False
-    late: float = 0.0  # s, behind what was possible
+    behind: float = 0.0  # s, after plan + delay and the arrival of the last goal
+    late: float = 0.0  # s, and after what came late with the rest of the recording behind it
 
 
 def play(draw: Draw, **options: float) -> tuple[GoalStream, Outcome]:
@@ -144,11 +151,13 @@ def play(draw: Draw, **options: float) -> tuple[GoalStream, Outcome]:
         found.known += [k] * len(made)
     found.done = stream.done
     due = float(draw.times[-1] - draw.times[1]) + draw.delay * draw.period
+    due = max(due, float(draw.arrivals[-1]) - begin)
+    moving = [b.first_cycle + int(b.cycles.sum()) for b in found.blocks if b.jerk.any()]
+    ended = (moving[-1] if moving else 0) * T
+    found.behind = ended - due
     # what comes late is followed by the rest of the recording, as fast as the limits allow
     rest = draw.share * (draw.times[-1] - draw.times)
-    due = max(due, float((draw.arrivals + rest)[1:].max()) - begin)
-    moving = [b.first_cycle + int(b.cycles.sum()) for b in found.blocks if b.jerk.any()]
-    found.late = (moving[-1] if moving else 0) * T - due
+    found.late = ended - max(due, float((draw.arrivals + rest)[1:].max()) - begin)
     return stream, found
 
 
@@ -226,13 +235,41 @@ def judge(draw: Draw, found: Outcome) -> dict[str, float]:
     return {"over": over, "gap": gap, "turns": extra, "passed": more, "end": end, "cut": cut}
 
 
-def runs(
-    seed: int, count: int, **options: int
-) -> Iterator[tuple[int, Draw, Outcome, dict[str, float], GoalStream]]:
-    """Each run by a generator of its own, so that one can be repeated alone."""
-    for i in range(count):
-        draw = drawn(random.Random(seed * 1_000_003 + i))
-        if len(draw.times) < 3:
-            continue
-        stream, found = play(draw, **options)
-        yield i, draw, found, judge(draw, found), stream
+def run(
+    seed: int, number: int, **options: int
+) -> tuple[Draw, Outcome, dict[str, float], GoalStream] | None:
+    """One of an exam, by a generator of its own, so that it can be repeated alone."""
+    draw = drawn(random.Random(seed * 1_000_003 + number))
+    if len(draw.times) < 3:
+        return None
+    stream, found = play(draw, **options)
+    return draw, found, judge(draw, found), stream
+
+
+def lateness_of_planning_anew(draw: Draw) -> float:
+    """When a motion ends that ruckig plans anew in each cycle to the last goal known; as `behind`.
+
+    Each joint by itself, at the limits: it can always stop there, and is as far ahead as it may be.
+    """
+    joints, T = len(draw.limits), draw.T
+    otg, asked = ruckig.Ruckig(joints, T), ruckig.InputParameter(joints)
+    out = ruckig.OutputParameter(joints)
+    asked.max_velocity = [x.velocity for x in draw.limits]
+    asked.max_acceleration = [min(x.acceleration, x.braking[0]) for x in draw.limits]
+    asked.max_jerk = [min(x.jerk, x.braking[1]) for x in draw.limits]
+    asked.synchronization = ruckig.Synchronization.No
+    asked.current_position = asked.target_position = draw.goals[0].tolist()
+    known, cycle, begin = 1, 0, float(draw.arrivals[1])
+    due = max(
+        float(draw.times[-1] - draw.times[1]) + draw.delay * draw.period,
+        float(draw.arrivals[-1]) - begin,
+    )
+    result = ruckig.Result.Working
+    while known < len(draw.times) or result != ruckig.Result.Finished:
+        while known < len(draw.times) and draw.arrivals[known] - begin <= cycle * T + 1e-9:
+            asked.target_position = draw.goals[known].tolist()
+            known += 1
+        result = otg.update(asked, out)
+        out.pass_to_input(asked)
+        cycle += 1
+    return cycle * T - due

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from helpers.root import ROOT, TESTS, program
-from helpers.sanitized import build
+from helpers.sanitized import build, library
 
 
 def found(pattern: str) -> list[Path]:
@@ -47,16 +47,6 @@ CHOSEN = [
     "and not 10000000 and not random_ways and not panda and not shipped "
     "and not slowly and not bursts",
 ]
-
-
-def library(name: str) -> str | None:
-    found = subprocess.run(
-        [os.environ.get("CC", "cc"), f"-print-file-name={name}"],
-        capture_output=True,
-        text=True,
-        check=True,
-    ).stdout.strip()
-    return found if os.path.isabs(found) else None
 
 
 @pytest.fixture(scope="module")

@@ -179,3 +179,16 @@ def test_an_empty_name_is_not_no_name(tmp_path: Path) -> None:
     file.write_text(GOOD)
     with pytest.raises(ConfigError, match="name = ''"):
         load(file, name="")
+
+
+def test_a_table_for_the_panel_is_left_to_it(tmp_path: Path) -> None:
+    """It says nothing of the kernel; any other table is still unknown, and one of an axis too."""
+    file = tmp_path / "robot.toml"
+    file.write_text(GOOD + "\n[panel]\nanything = 1\n")
+    assert len(load(file).axes) == 2
+    file.write_text(GOOD + "\n[pannel]\n")
+    with pytest.raises(ConfigError, match="pannel"):
+        load(file)
+    file.write_text(GOOD + "\n[axes.panel]\n")
+    with pytest.raises(ConfigError):
+        load(file)

@@ -127,6 +127,31 @@ def test_a_missing_and_a_second_answer_are_found() -> None:
     assert check(found).findings["goal without its answer"] == 1
 
 
+def _left(frames: Any) -> None:
+    frames["axis"]["flags"][700:, 1] |= np.uint32(lib.SJ_TRACE_DRIVE_STOP)
+
+
+def test_an_axis_is_left_to_its_drive_only_while_it_homes() -> None:
+    """A stop in any cycle of a homing is the drive's, also before the drive shows mode 6; any other
+    one is a finding.
+    """
+    spoilt = good()
+    _left(spoilt.all.frames)
+    assert check(spoilt).findings["left to its drive"] == 1
+    for after in range(1, 9):
+        for stop in (Host.halt, Host.quick_stop):
+            script = [
+                (1, lambda host: host.enable()),
+                (60, lambda host: host.home()),
+                (60 + after, lambda host, stop=stop: stop(host, 0.0)),
+            ]
+            found = simulate(MotionKernel([Axis(LIMITS, COUNTS)], T), script, 200)
+            if after <= 3:
+                flags = found.all.frames["axis"]["flags"]
+                assert (flags & lib.SJ_TRACE_DRIVE_STOP).any()
+            assert not check(found).findings
+
+
 # ---- what the soak found -------------------------------------------------------------------------
 
 

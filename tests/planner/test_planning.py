@@ -414,7 +414,7 @@ def test_random_states_in_every_unit(
 
 
 @SYMMETRY
-@pytest.mark.parametrize("what", ["velocity", "length", "together"])
+@pytest.mark.parametrize("what", ["velocity", "velocities", "length", "together"])
 @pytest.mark.parametrize("unit", ["radians", check.COARSE])
 def test_random_states_in_every_way(
     unit: str,
@@ -433,12 +433,14 @@ def test_random_states_in_every_way(
         r, cycle_time = drawn(rng, n, unit, kind, asymmetric=asymmetric)
         if what == "velocity":
             made = check.changes(r, cycle_time)
+        elif what == "velocities":
+            made = check.velocities(r, cycle_time, 4)
         elif what == "length":
             more, times = 10.0 ** rng.uniform(0, 2, n), rng.choice([1.0, 2.0], n)
             made = check.stretched(r, cycle_time, more, times)
         else:
             made = check.together(r, cycle_time, 4)
-        worst_of(worst, check.judge(r, made, cycle_time, change=what == "velocity"), r)
+        worst_of(worst, check.judge(r, made, cycle_time, change=what.startswith("velocit")), r)
         done += n
         if total > 100_000:
             told(capsys, f"\r{unit} {what} {(asymmetric and 'uneven') or 'even'}: {done}")

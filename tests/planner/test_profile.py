@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from helpers.exact import Sample, bilinear, continuous
 from helpers.strategies import cycle_times, limits, magnitudes, units
-from sjerk import InfeasibleError, InputError, Limits, Profile, State, scurve
+from sjerk import InfeasibleError, InputError, Limits, Profile, State, plan, scurve
 from sjerk.profile import Phase
 
 T_S = 1e-3
@@ -390,13 +390,50 @@ def test_extrema_see_the_peaks_inside_phases() -> None:
         assert found.high == pytest.approx(seen.max(), abs=1e-4)
 
 
+@given(
+    st.floats(-10, 10),
+    st.floats(-10, 10),
+    units,
+    cycle_times,
+    st.just(0.0) | st.floats(-1.0, 1.0),
+)
+def test_at_and_after_the_end_the_plan_is_its_target(
+    start: float, distance: float, unit: float, T: float, share: float
+) -> None:
+    """From ``duration`` on, at and away from rest, ``at`` has no rounding of the phases left."""
+    own = Limits(2.0 * unit, 5.0 * unit / T, 50.0 * unit / T**2)
+    target = State((start + distance) * unit, share * own.velocity)
+    profile = plan(State(start * unit, 0.3 * own.velocity), target, own, T)
+    late = profile.at([profile.duration, profile.duration + T / 2, profile.duration + 3 * T])
+    P = target.position - 0.5 * T * target.velocity
+    assert late.position[0] == P
+    assert late.velocity.tolist() == [target.velocity] * 3
+    assert late.acceleration.tolist() == late.jerk.tolist() == [0.0] * 3
+    if share == 0.0:
+        assert late.position.tolist() == [target.position] * 3
+
+
+def test_at_rest_behind_a_move_is_the_goal_bit_for_bit() -> None:
+    """At rest behind 1000 moves the position is the goal, the velocity 0."""
+    rng = random.Random(5)
+    for _ in range(1000):
+        goal, scale = rng.uniform(-1, 1), 10.0 ** rng.uniform(-3, 5)
+        profile = plan(rng.uniform(-1, 1), goal, Limits(scale, 5.0 * scale, 50.0 * scale), T_S)
+        end = profile.at([profile.duration, profile.duration + 0.1])
+        assert end.position.tolist() == [goal, goal]
+        assert end.velocity.tolist() == [0.0, 0.0]
+
+
 # ---- refusals ------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("bad", [0.0, -1.0, math.nan, math.inf, "90", None, True, 1e200, 1 + 2j])
 @pytest.mark.parametrize("field", ["velocity", "acceleration", "jerk"])
 def test_limits_refuse_what_is_no_limit(field: str, bad: object) -> None:
-    """Nan, inf, zero, negative, non-numbers: refused with field and value."""
+    """Nan, inf but of the jerk, zero, negative, non-numbers: refused with field and value."""
+    if bad == math.inf and field == "jerk":
+        assert Limits(1.0, 1.0, math.inf).jerk_is_free
+        return
     values: dict[str, object] = {"velocity": 1.0, "acceleration": 1.0, "jerk": 1.0, field: bad}
     with pytest.raises(InputError, match=field) as refusal:
         Limits(**values)  # type: ignore[arg-type]

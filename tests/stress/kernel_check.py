@@ -202,7 +202,10 @@ def _axis(
         for k in np.flatnonzero(wrong):
             verdict.find(name, f"axis {i}, cycle {cycle[k]}: {q[k]!r}")
     left = (rows["flags"] & lib.SJ_TRACE_DRIVE_STOP) != 0
-    for k in np.flatnonzero(left[1:] & ~left[:-1] & follows[:-1] & (np.diff(cycle) == 1)):
+    led_here = follows & (
+        rows["state"] != lib.SJ_AXIS_HOMING
+    )  # a homing axis is its drive's to stop
+    for k in np.flatnonzero(left[1:] & ~left[:-1] & led_here[:-1] & (np.diff(cycle) == 1)):
         verdict.find("left to its drive", f"axis {i}, cycle {cycle[k + 1]}: {q[k + 1]!r}")
     if axis.limits.position is not None:
         low, high = axis.limits.position

@@ -88,6 +88,14 @@ def test_trust_waits_where_its_source_could_still_stop(seed: int) -> None:
     assert stream.report.beyond.max() > 0.0
 
 
+def test_a_stall_right_after_a_turn_needs_no_way_back() -> None:
+    """Seven joints, a goal stays away while some turn: rest no further than the last one known."""
+    draw = drawn(random.Random(11_000_338))
+    assert draw.within
+    assert (draw.arrivals > draw.times).any()
+    faultless(draw)
+
+
 @settings(max_examples=10)
 @given(st.integers(0, 2**31))
 def test_with_ten_iterations_every_stream_arrives(seed: int) -> None:

@@ -6,6 +6,7 @@ Never here: frames, motion.
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -36,6 +37,15 @@ def inside(command: Sequence[str]) -> list[str]:
         said = " ".join(tried.stderr.split())
         raise SjerkError(f"no network namespace with a pair of cables: {said}")
     return [*_NAMESPACE, f'{_CABLE} && exec "$@"', "sh", *command]
+
+
+def first(command: Sequence[str]) -> list[str]:
+    """The command that runs another one before what else runs, where the system allows that."""
+    real_time = ["chrt", "-f", "20"]
+    if shutil.which(real_time[0]) is None:
+        return [*command]
+    tried = subprocess.run([*real_time, "true"], capture_output=True)
+    return [*command] if tried.returncode else [*real_time, *command]
 
 
 @contextmanager

@@ -1,4 +1,7 @@
-"""``sjerk plot``: a recording as a picture. Never here: how it is drawn."""
+"""``sjerk plot``: a recording, or the points of a trajectory, as a picture.
+
+Never here: how it is drawn.
+"""
 
 from __future__ import annotations
 
@@ -13,6 +16,7 @@ from numpy.typing import NDArray
 from sjerk.errors import InputError
 from sjerk.extras import load
 from sjerk.recording import Recording
+from sjerk.trajectory import Trajectory, TrajectoryError, resample
 
 _POINTS = 2000  # most points of a curve: more is not seen
 
@@ -21,6 +25,12 @@ def add_arguments(jobs: Any) -> None:
     """Add plot."""
     job = jobs.add_parser("plot", help="a picture of a recording: planned, commanded, actual")
     job.add_argument("file", type=Path, help="a recording, .parquet or .mcap")
+    job.add_argument(
+        "--resample",
+        type=float,
+        metavar="DELTA",
+        help="instead: FILE is a trajectory (CSV or bag), drawn before and after resampling",
+    )
     job.add_argument("--out", type=Path, help="default: the recording's name with .png")
     job.add_argument("--axes", type=int, nargs="+", help="default: all")
     job.set_defaults(run=run)
@@ -31,6 +41,8 @@ def run(options: argparse.Namespace) -> int:
     pictures = load("sjerk.cli.pictures", extra="demo")
     out = options.out or options.file.with_suffix(".png")
     pictures.check(out)
+    if options.resample is not None:
+        return _resampled(options, pictures, out)
     recording = Recording.open(options.file)
     if not len(recording):
         raise InputError("file", str(options.file), "has no cycle")
@@ -44,6 +56,34 @@ def run(options: argparse.Namespace) -> int:
         [(f"axis {i}", _panels(pictures.Curve, recording, i)) for i in axes],
     )
     print(f"plot: {out}")
+    return 0
+
+
+def _resampled(options: argparse.Namespace, pictures: Any, out: Path) -> int:
+    """Every joint's points, and those that ``resample`` keeps."""
+    file = options.file
+    read = Trajectory.from_csv if file.suffix.lower() == ".csv" else Trajectory.from_bag
+    try:
+        trajectory = read(file)
+    except TrajectoryError as error:
+        raise InputError("file", str(file), str(error)) from error
+    if trajectory.position is None:
+        raise InputError("file", str(file), "has no positions")
+    kept = resample(trajectory.position, options.resample)
+    joints = options.axes or range(len(trajectory.joint_names))
+    panels = {}
+    for i in joints:
+        if not 0 <= i < len(trajectory.joint_names):
+            most = len(trajectory.joint_names) - 1
+            raise InputError("axes", i, f"joint numbers are 0 .. {most}")
+        at, position = trajectory.time, trajectory.position[:, i]
+        panels[trajectory.joint_names[i]] = [
+            pictures.Curve("points", at, position, ".-"),
+            pictures.Curve("kept", at[kept], position[kept], "o-"),
+        ]
+    title = f"{file.name}: {len(trajectory)} points, {len(kept)} kept at {options.resample:g}"
+    pictures.grid(out, title, [("before and after resampling", panels)])
+    print(f"plot: {out}, {len(trajectory)} points, {len(kept)} kept")
     return 0
 
 

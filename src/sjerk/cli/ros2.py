@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 from typing import Any
 
-from sjerk.errors import ExtraMissingError, InputError, SjerkError
+from sjerk.cli.nodes import add_node_arguments, check_files
+from sjerk.errors import ExtraMissingError, SjerkError
 from sjerk.extras import load
 
 _NODES = {
@@ -22,20 +22,7 @@ def add_arguments(jobs: Any) -> None:
         help="be a ROS 2 node on a kernel: trajectory controller, or control node",
         epilog="For example: --ros-args -r joint_states:=/arm/joint_states -p speed:=0.5",
     )
-    job.add_argument("node", choices=sorted(_NODES))
-    job.add_argument("robot", nargs="?", type=Path, help="TOML file of a kernel to run as a child")
-    job.add_argument("--kernel", metavar="NAME", help="lead this running kernel instead")
-    job.add_argument("--params", type=Path, metavar="F.yaml", help="parameters of the node")
-    job.add_argument("--node-name", metavar="NAME", help="of the node: the controller's name")
-    job.add_argument(
-        "--joints",
-        nargs="+",
-        metavar="JOINT",
-        help="one name per axis, in order; default: those of the axes",
-    )
-    job.add_argument(
-        "--ros-args", nargs=argparse.REMAINDER, default=[], help="all further words are ROS's"
-    )
+    add_node_arguments(job)
     job.set_defaults(run=run)
 
 
@@ -53,12 +40,10 @@ def run(options: argparse.Namespace) -> int:
 
 def arguments(options: argparse.Namespace) -> list[str]:
     """The options as arguments of ROS; raises InputError for files that are not there."""
+    check_files(options)
     words = ["--ros-args"]
     if options.node_name:
         words += ["-r", f"__node:={options.node_name}"]
-    for name, file in (("params", options.params), ("robot", options.robot)):
-        if file is not None and not file.is_file():
-            raise InputError(name, str(file), "is no file")
     if options.params is not None:
         words += ["--params-file", str(options.params)]
     if options.robot is not None:

@@ -15,9 +15,10 @@ from sjerk.host.monitor import Monitor
 from sjerk.host.move import Move, MoveState
 from sjerk.host.path import Path, Progress
 from sjerk.host.path_records import Blocks
-from sjerk.host.timing import ClockReport, Distribution, Grant, Timing
+from sjerk.host.timing import BUCKET_EDGES, ClockReport, Distribution, Grant, Timing
 
 __all__ = [
+    "BUCKET_EDGES",
     "BUFFERS",
     "Axes",
     "AxisFeedback",

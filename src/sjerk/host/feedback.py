@@ -259,12 +259,15 @@ def limits_of(raw: Any, T: float) -> Limits:
     """The limits in force of a ``sj_axis_feedback``, per second."""
     own = raw.limits
     free = raw.position_min == -math.inf and raw.position_max == math.inf
+    # what Limits.per_cycle makes of a jerk without a limit
+    most = own.acceleration + own.deceleration
+    jerk, braking = (math.inf if j == most else j / T**3 for j in (own.jerk, own.deceleration_jerk))
     return Limits(
         own.velocity / T,
         own.acceleration / T**2,
-        own.jerk / T**3,
+        jerk,
         deceleration=own.deceleration / T**2,
-        deceleration_jerk=own.deceleration_jerk / T**3,
+        deceleration_jerk=braking,
         position=None if free else (raw.position_min, raw.position_max),
     )
 

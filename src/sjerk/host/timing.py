@@ -6,8 +6,11 @@ Never here: the loop itself (``_clock.c``), axes.
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from sjerk._binding import lib
 
@@ -58,7 +61,8 @@ class ClockReport:
 class Distribution:
     """A duration over all cycles, seconds. Interpolated in buckets of 6 %.
 
-    ``worst`` is exact over all cycles, and to the bucket over some of them.
+    ``worst`` is exact over all cycles, and to the bucket over some of them. ``buckets`` (m,): how
+    many cycles each bucket has; its edges are ``BUCKET_EDGES`` (m + 1,), seconds.
     """
 
     count: int
@@ -66,6 +70,9 @@ class Distribution:
     p99: float
     p999: float
     worst: float
+    buckets: NDArray[np.int64] = field(
+        default_factory=lambda: np.empty(0, np.int64), repr=False, compare=False
+    )
 
     @classmethod
     def of(cls, histogram: Any, since: Any = None) -> Distribution:
@@ -88,13 +95,17 @@ class Distribution:
                     break
                 below += n
             cuts.append(min(value, worst))
-        return cls(count, cuts[0], cuts[1], cuts[2], worst)
+        return cls(count, cuts[0], cuts[1], cuts[2], worst, np.array(buckets, np.int64))
 
 
 def _edge(bucket: int) -> float:
     """Lower edge of a bucket of a ``sj_histogram``, seconds; the first one begins at 0."""
     octave, step = divmod(bucket, 16)
     return 64e-9 * 2.0**octave * (1.0 + step / 16.0)
+
+
+#: Edges of the buckets of every ``Distribution``, seconds; the first bucket has all below it, too.
+BUCKET_EDGES = np.array([_edge(i) for i in range(lib.SJ_HISTOGRAM_BUCKETS + 1)])
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,8 @@ def load(
     A file: ``cycle_time`` (s), ``name``, tables ``[clock]`` (``Clock``) and ``[reactions]``
     (``Reactions``), and for each axis ``[[axes]]`` with the fields of ``Axis``: ``limits`` and
     ``stop_limits`` are tables of ``Limits``, ``drive`` a table of ``DriveConfig``, "ideal" or
-    "external". Tables of ports ([ethercat], [axes.ethercat]) are left to ``sjerk kernel``.
+    "external". Tables of ports ([ethercat], [axes.ethercat]) are left to ``sjerk kernel``, that of
+    the panel ([panel]) to ``sjerk panel``.
 
     >>> load("/dev/null")
     Traceback (most recent call last):

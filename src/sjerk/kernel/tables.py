@@ -21,6 +21,8 @@ from sjerk.profile import Limits
 
 #: Tables of ports: of the whole file, and of its axes. They are the ports' own, and not read here.
 PORTS = ("ethercat",)
+#: Tables of the whole file that say nothing of the kernel: who shows it reads them.
+SHOWN_BY = ("panel",)
 
 
 class Place:
@@ -60,7 +62,7 @@ def kernel_fields(path: Path | str, table: object) -> tuple[Place, dict[str, Any
     """
     top = Place(str(path), "", table)
     table = top.table
-    top.known("name", "cycle_time", "clock", "reactions", "axes", *PORTS)
+    top.known("name", "cycle_time", "clock", "reactions", "axes", *PORTS, *SHOWN_BY)
     rows = table.get("axes")
     if not isinstance(rows, list) or not rows:
         raise top.error("axes", rows, "needs at least one [[axes]]")

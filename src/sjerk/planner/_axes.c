@@ -115,18 +115,9 @@ int32_t sj_plan_sample(double cycle_time_s, const void *from, const void *to, co
     return sj_plan_move(r.distance, r.v0, r.a0, r.v1, limits, plan);
 }
 
-/* A change of velocity from a sample; *end is where the settled sample is. */
-int32_t sj_plan_sample_velocity(double cycle_time_s, const void *from, double v1,
-                                const void *limits, sj_plan *plan, double *end)
+/* Where the settled sample is after a change to v1 from `at`: Eqs. (2), (3), (5) along the phases. */
+static double end_of(continuous at, double v1, const sj_plan *plan)
 {
-    const double T = cycle_time_s;
-    const sj_state *start = from;
-    continuous at = lemma(exact_of(start->position), exact_of(start->velocity * T),
-                          exact_of(start->acceleration * T * T), exact_of(0.0));
-    int32_t status = sj_plan_velocity(at.V.hi, at.A.hi, v1 * T, limits, plan);
-    if (status != SJ_PLAN_OK)
-        return status;
-    /* Eqs. (2), (3), (5) along the phases */
     for (int32_t i = 0; i < plan->count; i++) {
         double n = (double)plan->phase[i].cycles;
         sj_exact j = exact_of(plan->phase[i].jerk), n2 = exact_two_product(n, n);
@@ -136,8 +127,28 @@ int32_t sj_plan_sample_velocity(double cycle_time_s, const void *from, double v1
         at.V = exact_add(at.V, exact_add(exact_scale(at.A, n), exact_half(exact_multiply(j, n2))));
         at.A = exact_add(at.A, exact_scale(j, n));
     }
-    *end = exact_add(at.P, exact_of(0.5 * v1 * T)).hi;
-    return SJ_PLAN_OK;
+    return exact_add(at.P, exact_of(0.5 * v1)).hi;
+}
+
+int32_t sj_plan_sample_velocities(int32_t n, double cycle_time_s, const void *from,
+                                  const double *v1, const void *limits, int32_t *synchronization,
+                                  sj_plan *plans, double *ends)
+{
+    const double T = cycle_time_s;
+    const sj_state *start = from;
+    sj_request request[SJ_AXES];
+    continuous at[SJ_AXES];
+    if (n < 1 || n > SJ_AXES)
+        return SJ_PLAN_INVALID;
+    for (int32_t i = 0; i < n; i++) {
+        at[i] = lemma(exact_of(start[i].position), exact_of(start[i].velocity * T),
+                      exact_of(start[i].acceleration * T * T), exact_of(0.0));
+        request[i] = (sj_request){0.0, at[i].V.hi, at[i].A.hi, v1[i] * T};
+    }
+    int32_t status = sj_plan_velocities(n, request, limits, synchronization, plans);
+    for (int32_t i = 0; i < n && status == SJ_PLAN_OK; i++)
+        ends[i] = end_of(at[i], request[i].v1, &plans[i]);
+    return status;
 }
 
 static sj_state row_state(const double *row, int64_t columns)

@@ -111,6 +111,8 @@ void sj_node(path *x, double k, double a);
 /* _ramp.c */
 int sj_ramp(double v0, double a0, double dv, double vmax, double au, double ad, double j, path *x);
 
+int sj_ramp_in(const task *t, double dv, double j, double m, path *x);
+
 /* _recovery.c */
 int sj_lands(const task *t);
 int sj_recover_acceleration(task *t, sj_plan *p);
@@ -120,6 +122,7 @@ void sj_end_acceleration(task *t, sj_plan *p);
 
 /* _velocity.c */
 int sj_go_to_velocity(task *t, double v, sj_plan *p);
+int sj_velocity_in(const task *start, double m, sj_plan *p);
 
 /* Ramp, cruise, ramp in continuous time: what does not depend on the peak velocity. */
 typedef struct {

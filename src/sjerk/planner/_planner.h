@@ -64,8 +64,14 @@ int32_t sj_plan_samples(int32_t n, double cycle_time_s, const void *states, cons
                         sj_plan *plans);
 int32_t sj_plan_sample(double cycle_time_s, const void *from, const void *to, const void *limits,
                        sj_plan *plan);
-int32_t sj_plan_sample_velocity(double cycle_time_s, const void *from, double v1,
-                                const void *limits, sj_plan *plan, double *end);
+/* Changes of velocity; of the requests the distance is nothing. *synchronization: as sj_plan_axes. */
+int32_t sj_plan_velocities(int32_t n, const sj_request *requests, const sj_limits *limits,
+                           int32_t *synchronization, sj_plan *plans);
+/* Changes of velocity of n axes from samples: v1 per second, limits per cycle; ends[i]: where the
+ * settled sample of axis i is. */
+int32_t sj_plan_sample_velocities(int32_t n, double cycle_time_s, const void *from,
+                                  const double *v1, const void *limits, int32_t *synchronization,
+                                  sj_plan *plans, double *ends);
 /* One of many plans: its phases lie behind those of the plan before it, so that memory is touched
  * once only. */
 typedef struct {

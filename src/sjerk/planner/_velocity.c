@@ -31,3 +31,23 @@ int sj_go_to_velocity(task *t, double v, sj_plan *p)
     t->a0 = 0;
     return 1;
 }
+
+/* To (v1, 0) in m cycles, gentler than the fastest: the acceleration keeps a lower level. 0 where that
+   does not serve. */
+int sj_velocity_in(const task *start, double m, sj_plan *p)
+{
+    task t = *start;
+    path x;
+    sj_plan q;
+    sj_begin(&q);
+    if (t.ju != t.jd)
+        sj_end_acceleration(&t, &q);
+    double j = t.v1 > t.v0 ? t.ju : t.jd;
+    if (!sj_ramp_in(&t, t.v1 - t.v0, j, m - (double)q.cycles, &x))
+        return 0;
+    sj_path_put(&q, &x, &t);
+    if (q.count > SJ_PHASES || sj_leaves_velocity(start, &q, 0))
+        return 0;
+    *p = q;
+    return 1;
+}

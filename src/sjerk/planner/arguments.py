@@ -141,23 +141,30 @@ def check_range(end: FloatArray, limits: Limits, rows: slice) -> None:
         raise InputError(where, float(end[row, 0]), f"must lie in {low!r} .. {high!r}")
 
 
-def limit_rows(limits: NDArray[Any]) -> FloatArray:
-    """Limits (n, 3) or (n, 5) as rows (n, 5) of velocity, acceleration, jerk, and those of braking.
+def limit_rows(limits: NDArray[Any], T: float) -> FloatArray:
+    """Limits (n, 3) or (n, 5) per second as rows (n, 5) per cycle, with those of braking.
 
-    Raises ``InputError`` with the row.
+    A jerk may be infinite, as in ``Limits``. Raises ``InputError`` with the row.
     """
     rows = _numbers("limits", limits)
     if rows.ndim != 2 or rows.shape[1] not in (3, 5):
         raise InputError("limits", rows.shape, "must have shape (n, 3) or (n, 5)")
+    rows = rows if rows.shape[1] == 5 else np.hstack([rows, rows[:, 1:3]])
+    per_cycle: FloatArray = rows * np.array([T, T**2, T**3, T**2, T**3])
     # the row is looked for only where one is bad
     if not (rows.min(initial=1.0) >= 1.0 / LARGEST and rows.max(initial=1.0) <= LARGEST):
-        row = int(np.argmin(((rows >= 1.0 / LARGEST) & (rows <= LARGEST)).all(axis=1)))
-        raise InputError(
-            f"limits[{row}]",
-            rows[row].tolist(),
-            f"must be greater than 0, within {1.0 / LARGEST:g} .. {LARGEST:g}",
-        )
-    return rows if rows.shape[1] == 5 else np.hstack([rows, rows[:, 1:3]])
+        free = np.isposinf(rows) & [False, False, True, False, True]
+        good = ((rows >= 1.0 / LARGEST) & (rows <= LARGEST)) | free
+        if not good.all():
+            row = int(np.argmin(good.all(axis=1)))
+            raise InputError(
+                f"limits[{row}]",
+                rows[row].tolist(),
+                f"must be greater than 0, within {1.0 / LARGEST:g} .. {LARGEST:g}",
+            )
+        whole = per_cycle[:, [1]] + per_cycle[:, [3]]  # as Limits.per_cycle has it
+        per_cycle = np.ascontiguousarray(np.where(free, whole, per_cycle))
+    return per_cycle
 
 
 def rows_of(name: str, value: ArrayLike, most: int) -> FloatArray:

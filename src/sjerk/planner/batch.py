@@ -33,9 +33,11 @@ PHASE = dtype_of("sj_phase")
 class Plans:
     """Many independent plans as arrays; row i is request i. Made by ``plan_many``.
 
-    ``cycle_time`` in seconds. ``rows`` (n,): ``cycles``, index ``first`` of the first phase,
-    ``count`` of phases, and their ``kind``. ``pool``: the phases of all plans, ``cycles`` and
-    ``jerk`` per cycle^3.
+    ``cycle_time`` in seconds. ``rows`` (n,) has the columns ``cycles`` (int64, the length),
+    ``first`` (int64, index of the first phase in ``pool``), ``count`` (int32, of phases) and
+    ``kind`` (int32, how it was found: ``enum sj_plan_kind`` in ``planner/_planner.h``). ``pool``
+    has the phases of all plans, with room between them, by the columns ``cycles`` (int64) and
+    ``jerk`` (float64, u per cycle^3: over ``cycle_time**3`` it is u/s^3).
 
     >>> plans = plan_many([0.0], [160.0], Limits(90.0, 500.0, 5000.0), 1e-3)
     >>> len(plans), plans.duration.tolist(), plans.phases(0)[0].tolist()
@@ -91,8 +93,10 @@ def plan_many(
     ``start``: positions (n,), or rows (n, 1..3) of position, velocity, acceleration; ``target``:
     positions (n,), or rows (n, 1..2) of position, velocity; ``limits``: one for all, one each, or
     an array (n, 3) of velocity, acceleration, jerk or (n, 5) with those of braking; ``cycle_time``
-    in seconds. Row i of the result is what ``plan`` would return. Several processors share large
-    batches. Raises ``InputError`` with the row.
+    in seconds. In u, u/s, u/s^2, u/s^3; columns that are left out are 0, those of braking as the
+    others. Row i of the result is what ``plan`` would return: ``Plans.cycles`` (n,) its length,
+    ``Plans.phases(i)`` its phases; as arrays ``Plans.rows`` and ``Plans.pool``. Several processors
+    share large batches. Raises ``InputError`` with the row.
 
     >>> plans = plan_many([0.0, 1.0], [160.0, 160.0], Limits(90.0, 500.0, 5000.0), 1e-3)
     >>> plans.cycles.tolist()
@@ -106,7 +110,7 @@ def plan_many(
         c_limits, step = ffi.from_buffer("sj_limits[]", limits.per_cycle(T)), 0
         given = n
     elif isinstance(limits, np.ndarray):
-        table = limit_rows(limits) * np.array([T, T**2, T**3, T**2, T**3])
+        table = limit_rows(limits, T)
         c_limits = ffi.cast("sj_limits *", ffi.from_buffer(table))
         given = len(table)
     else:

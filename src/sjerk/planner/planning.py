@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from sjerk._binding import ffi, lib
 from sjerk.errors import InputError, positive, real
+from sjerk.limits import limits_of_each
 from sjerk.planner.arguments import (
     CODES,
     NAMES,
@@ -340,39 +341,79 @@ def _axes(
     return Motion(plans, T, n, states, ranges, mode[0])
 
 
+@overload
 def plan_velocity(
-    start: State | float, velocity: float, limits: Limits, cycle_time: float
-) -> Profile:
+    start: State | float,
+    velocity: float,
+    limits: Limits,
+    cycle_time: float,
+    *,
+    synchronization: Synchronization = ...,
+) -> Profile: ...
+@overload
+def plan_velocity(
+    start: Sequence[State | float],
+    velocity: Sequence[float],
+    limits: Limits | Sequence[Limits],
+    cycle_time: float,
+    *,
+    synchronization: Synchronization = ...,
+) -> Motion: ...
+def plan_velocity(
+    start: State | float | Sequence[State | float],
+    velocity: float | Sequence[float],
+    limits: Limits | Sequence[Limits],
+    cycle_time: float,
+    *,
+    synchronization: Synchronization = "time",
+) -> Profile | Motion:
     """Plan the fastest change to ``velocity`` in whole cycles (jog; stop with 0).
 
-    ``start``: a ``State``, or a position at rest; ``velocity`` in u/s, signed; ``cycle_time`` in
-    seconds. ``Profile.end`` is where it ends. The direction of the move is that of ``velocity``, or
-    of the start's velocity for a stop. Raises ``InputError`` for unusable numbers and for a
-    velocity beyond ``limits.velocity``.
+    ``start``: a ``State``, or a position at rest (one axis), or a sequence of them (N axes, 1 to
+    64); ``velocity`` in u/s, signed, one each; ``limits``: one for all axes or one each;
+    ``cycle_time`` in seconds. ``Profile.end`` is where it ends. The direction of the move is that
+    of ``velocity``, or of the start's velocity for a stop.
+
+    ``synchronization``: with ``"time"`` all axes have their velocities in the same cycle, the
+    faster ones by a gentler change, with ``"phase"`` all change in proportion, so that a stop stays
+    on its straight line (from states without acceleration and within limits; else as ``"time"``),
+    with ``"none"`` each is as fast as it can be. Raises ``InputError`` for unusable numbers and for
+    a velocity beyond ``limits.velocity``.
 
     >>> profile = plan_velocity(State(0.0, velocity=90.0), 0.0, Limits(90.0, 500.0, 5000.0), 1e-3)
     >>> profile.cycles, profile.end.velocity
     (280, 0.0)
+    >>> both = plan_velocity([0.0, 0.0], [90.0, -20.0], Limits(90.0, 500.0, 5000.0), 1e-3)
+    >>> [profile.cycles for profile in both]
+    [280, 280]
     """
-    (state,) = states_of("start", [start])
-    if not isinstance(limits, Limits):
+    one = not is_sequence(start) and not is_sequence(velocity)
+    states = states_of("start", [start] if one else start)
+    n, code = len(states), code_of(synchronization)
+    T = positive("cycle_time", cycle_time)
+    if one and not isinstance(limits, Limits):
         raise InputError("limits", limits, "must be a Limits")
-    cycle_time = positive("cycle_time", cycle_time)
-    velocity = real("velocity", velocity)
-    if abs(velocity) > limits.velocity:
-        raise InputError("velocity", velocity, f"must lie within +-{limits.velocity!r}")
-    made, end = _new(_PLAN), ffi.new("double *")
-    status = lib.sj_plan_sample_velocity(
-        cycle_time,
-        state.memory,
-        velocity,
-        limits.per_cycle(cycle_time),
-        made,
-        end,
-    )
+    each = limits_of_each(limits, n)
+    given: Any = [velocity] if one else velocity
+    if not is_sequence(given) or len(given) != n or not 1 <= n <= _MOST:
+        raise InputError("velocity", velocity, f"must be one per axis: {n}, at most {_MOST}")
+    wanted = []
+    for i, (value, limit) in enumerate(zip(given, each, strict=True)):
+        name = "velocity" if one else f"velocity[{i}]"
+        wanted.append(real(name, value))
+        if abs(wanted[-1]) > limit.velocity:
+            raise InputError(name, value, f"must lie within +-{limit.velocity!r}")
+    plans, mode, ends = _new(_PLANS[n]), _new(_INT, code), ffi.new("double[]", n)
+    memory = b"".join([state.memory for state in states])
+    rows = b"".join([limit.per_cycle(T) for limit in each])
+    status = lib.sj_plan_sample_velocities(n, T, memory, wanted, rows, mode, plans, ends)
     if status != 0:
         fail(status, "velocity", velocity, limits)
-    return Profile.of_c(made, cycle_time, state, State(end[0], velocity), limits.position)
+    targets = [State(end, value) for end, value in zip(ends, wanted, strict=True)]
+    if one:
+        return Profile.of_c(plans + 0, T, states[0], targets[0], each[0].position, plans)
+    memory += b"".join([state.memory for state in targets])
+    return Motion(plans, T, n, memory, [limit.position for limit in each], mode[0])
 
 
 def _unpacked(rows: bytes) -> list[State]:

@@ -130,7 +130,7 @@ static void add_bound(problem *p, int32_t *variable, double *coefficient, int32_
         }
     for (int32_t a = 0; a < count; a++) {
         int32_t v = variable[a];
-        if (v < 0)
+        if (v < 0 || coefficient[a] == 0.0) /* a row of nothing has no interior */
             continue;
         now += coefficient[a] * p->x[v];
         if (entries > begin && p->column[entries - 1] == v)
@@ -210,6 +210,7 @@ static void add_limits(problem *p, int32_t joint)
         add_row(p, joint, k + 1, binomial[2], 3, -limit[2], limit[1]);
     for (int32_t k = 0; k <= h->knots + 1; k++)
         add_row(p, joint, k, binomial[3], 4, -limit[3], limit[3]);
+    add_row(p, joint, h->knots + 2, binomial[0], 1, h->rest[2 * joint], h->rest[2 * joint + 1]);
     if (is_monotone(h, joint))
         for (int32_t k = 0; k < h->knots; k++)
             add_row(p, joint, k + 3, binomial[0], 1, range[0], range[1]);

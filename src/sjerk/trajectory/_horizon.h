@@ -19,6 +19,7 @@ typedef struct {
     const double *end;        /* (joints,): where tails rest, or must with `ends` */
     const double *limits;     /* (joints, 4): first, second +, second -, third difference */
     const double *range;      /* (joints, 2) of control points */
+    const double *rest;       /* (joints, 2) of the last one */
     const int32_t *direction; /* (joints, knots): sign asked of a first difference, or 0 */
     const double *moment, *weight; /* (goals,): when a goal is due, as the plan has it */
     const double *goal, *slope;    /* (goals, joints): where, and how it changes with progress */

@@ -27,7 +27,9 @@ class Columns(NamedTuple):
 
 
 def seconds(stamp: Any) -> float:
-    """Of a Time or a Duration: ``sec`` and ``nanosec``."""
+    """Of a Time or a Duration: ``sec``, ``nanosec`` of ROS 2, ``secs``, ``nsecs`` of ROS 1."""
+    if hasattr(stamp, "secs"):
+        return float(stamp.secs + 1e-9 * stamp.nsecs)
     return float(stamp.sec + 1e-9 * stamp.nanosec)
 
 

@@ -30,6 +30,7 @@ _LAG, _TRUST = 1e-3, 3.0
 #: Control points further from the origin than so many knots at full velocity move it along.
 _FAR = 64.0
 _BOUNDS = 1e8
+_NONE = 2.0 * lib.SJ_QP_FREE
 
 
 class Mode(Enum):
@@ -49,9 +50,9 @@ class Aims:
 
     ``moment`` (g,): when, in knots from now; ``position``, ``slope`` (g, N): where, in axis units,
     and its change per knot of progress; ``velocity`` (g, N) per knot, or None. ``range`` (N, 2) of
-    positions, ``direction`` (N, knots): the sign a first difference must have, or 0; ``turning``
-    (N, knots): where that is not sure. ``end`` (N,):
-    where to rest; ``ended``: no goal comes behind these.
+    positions, ``rest`` (N, 2) of the last one; ``direction`` (N, knots): the sign of a first
+    difference, or 0; ``turning`` (N, knots): where that is not sure. ``end`` (N,): where to rest;
+    ``ended``: no goal comes behind these.
     """
 
     moment: FloatArray
@@ -60,6 +61,7 @@ class Aims:
     slope: FloatArray
     velocity: FloatArray | None
     range: FloatArray
+    rest: FloatArray
     direction: NDArray[np.int32]
     turning: NDArray[np.bool_]
     end: FloatArray
@@ -113,6 +115,7 @@ class Horizon:
         )
         self._tolerance = None if tolerance is None else tolerance / self._unit
         self._size = (0, 0)
+        self.iterations = 0  # most that a solution took
         self.rest(position)
 
     def rest(self, position: FloatArray) -> None:
@@ -228,6 +231,7 @@ class Horizon:
                 end / self._unit,
                 self._limits,
                 np.clip((aims.range - self.origin[:, None]) / unit, -_BOUNDS, _BOUNDS),
+                np.clip((aims.rest - self.origin[:, None]) / unit, -_NONE, _NONE),
                 aims.moment,
                 aims.weight,
                 (aims.position - self.origin) / self._unit,
@@ -240,8 +244,8 @@ class Horizon:
         direction = np.ascontiguousarray(aims.direction)
         c = ffi.new("sj_horizon *")
         (
-            c.before, c.plan, c.end, c.limits, c.range, c.moment, c.weight, c.goal, c.slope,
-            c.tail, c.progress, c.due,
+            c.before, c.plan, c.end, c.limits, c.range, c.rest, c.moment, c.weight, c.goal,
+            c.slope, c.tail, c.progress, c.due,
         ) = (ffi.from_buffer("double[]", column) for column in columns)  # fmt: skip
         c.direction = ffi.from_buffer("int32_t[]", direction)
         if aims.velocity is not None:
@@ -274,6 +278,7 @@ class Horizon:
             self._most if most is None else most,
             result,
         )
+        self.iterations = max(self.iterations, result.iterations)
         value = np.empty((goals, joints))
         lib.sj_horizon_values(
             c, ffi.from_buffer("double[]", control), ffi.from_buffer("double[]", value)

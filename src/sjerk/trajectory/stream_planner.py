@@ -203,10 +203,27 @@ class StreamPlanner:
         end = last if whole else position[first - 1 + len(ahead)]
         low = np.minimum(np.minimum(position[first:].min(axis=0, initial=np.inf), here), last)
         high = np.maximum(np.maximum(position[first:].max(axis=0, initial=-np.inf), here), last)
+        more = np.zeros(len(last))
         if not self._within and not self.ended:
             more = self._further()
             low, high = np.minimum(low, last + more), np.maximum(high, last + more)
         low, high = np.maximum(low, self._ranges[:, 0]), np.minimum(high, self._ranges[:, 1])
+        given = horizon.given + horizon.origin[:, None]
+        direction, turning = known.directions(
+            moment,
+            knots,
+            given,
+            self.turns.sign,
+            np.maximum(RESOLUTION * horizon.velocity, 2.5 * self._noise),
+            final=self._within or self.ended,
+        )
+        # after the last turn no further than it need not come back from
+        sign, there = direction[:, -1] * whole, last + more
+        on = (direction == self.turns.sign[:, None]).all(axis=1) & (
+            sign * (given[:, 2] - there) > 0
+        )
+        there = np.where(on, given[:, 2], there)
+        top, bottom = np.where(sign > 0, there, np.inf), np.where(sign < 0, there, -np.inf)
         return (
             Aims(
                 at,
@@ -215,14 +232,9 @@ class StreamPlanner:
                 slopes,
                 speed,
                 np.column_stack([low, high]),
-                *known.directions(
-                    moment,
-                    knots,
-                    horizon.given + horizon.origin[:, None],
-                    self.turns.sign,
-                    np.maximum(RESOLUTION * horizon.velocity, 2.5 * self._noise),
-                    final=self._within or self.ended,
-                ),
+                np.column_stack([bottom, top]),
+                direction,
+                turning,
                 end,
                 self.ended and whole,
             ),

@@ -21,7 +21,7 @@ class StreamReport:
     passed. ``lag``, ``largest_lag`` (s): behind time plus delay, now and at most. ``starved``: how
     often the goals ran out in motion; ``starving``: now; ``beyond`` (N,): how far from the last
     goal then. ``reversals`` (N,): turns that the goals do not have. ``kept``: knots for which no
-    better plan than the one before was found.
+    better plan than the one before was found. ``iterations``: most that one solution took.
     """
 
     goals: int
@@ -34,6 +34,7 @@ class StreamReport:
     beyond: FloatArray
     reversals: IntArray
     kept: int
+    iterations: int
 
 
 class Ledger:
@@ -63,7 +64,7 @@ class Ledger:
         if self._starving:
             self._beyond = np.maximum(self._beyond, gap)
 
-    def report(self, reversals: IntArray, kept: int) -> StreamReport:
+    def report(self, reversals: IntArray, kept: int, iterations: int) -> StreamReport:
         """All of it, with what the planner counts."""
         return StreamReport(
             self.goals,
@@ -76,4 +77,5 @@ class Ledger:
             self._beyond.copy(),
             reversals,
             kept,
+            iterations,
         )

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sjerk.errors import InputError, positive, real
-from sjerk.limits import limits_of_each
+from sjerk.limits import jerk_limited, limits_of_each
 from sjerk.profile import FloatArray, Limits, State
 from sjerk.trajectory.horizon import Horizon, Plan, numbered
 from sjerk.trajectory.joining import both
@@ -102,7 +102,7 @@ class GoalStream:
         if real("margin", margin) < 0.0:
             raise InputError("margin", margin, "must not be negative")
         count = len(start) if isinstance(start, Sequence) else np.size(start)
-        self._limits = limits_of_each(limits, count)
+        self._limits = list(jerk_limited(limits_of_each(limits, count)))
         n = len(self._limits)
         self._names = tuple(joint_names or (f"joint{k}" for k in range(n)))
         if len(self._names) != n:
@@ -248,7 +248,9 @@ class GoalStream:
     @property
     def report(self) -> StreamReport:
         """What has become of the goals so far."""
-        return self._told.report(self._planner.turns.more(), self._planner.kept)
+        return self._told.report(
+            self._planner.turns.more(), self._planner.kept, self._horizon.iterations
+        )
 
     def take(self, cycle: int) -> list[Followed]:
         """Hand out the motion up to ``cycle`` of the stream, or to the next knot behind it.

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sjerk.errors import InputError
+from sjerk.limits import jerk_limited
 from sjerk.profile import FloatArray, Limits
 from sjerk.trajectory.fastest import places
 from sjerk.trajectory.programme import Answer
@@ -28,7 +29,10 @@ WAY_SHARE, CYCLE_SHARE = 1e-4, 0.05
 
 
 def limits_per_cycle(limits: Sequence[Limits], T: float) -> FloatArray:
-    """Velocity, acceleration and jerk per cycle (N, 3), the smaller ones of driving and braking."""
+    """Velocity, acceleration and jerk per cycle (N, 3), the smaller ones of driving and braking.
+
+    Raises ``InputError`` where a jerk is infinite.
+    """
     return np.array(
         [
             (
@@ -36,7 +40,7 @@ def limits_per_cycle(limits: Sequence[Limits], T: float) -> FloatArray:
                 min(limit.acceleration, limit.braking[0]) * T**2,
                 min(limit.jerk, limit.braking[1]) * T**3,
             )
-            for limit in limits
+            for limit in jerk_limited(limits)
         ]
     )
 

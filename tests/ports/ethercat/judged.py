@@ -10,6 +10,7 @@ reason. A judge whose software is missing fails: the environment is to have it.
 from __future__ import annotations
 
 import atexit
+import contextlib
 import functools
 import json
 import os
@@ -18,6 +19,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import time
 from pathlib import Path
 
 import pytest
@@ -189,6 +191,49 @@ def test_an_unmodified_main_device_is_satisfied(name: str, drives: int, check: s
     assert not outcome, outcome
 
 
+def _emulator(out: Path) -> int | None:
+    """The process of the drives of a demo that writes this picture."""
+    found: dict[int, tuple[int, bytes]] = {}
+    for entry in Path("/proc").glob("[0-9]*"):
+        with contextlib.suppress(OSError):
+            parent = int((entry / "stat").read_text().rpartition(")")[2].split()[1])
+            found[int(entry.name)] = parent, (entry / "cmdline").read_bytes()
+    for pid, (parent, command) in found.items():
+        above = found.get(parent, (0, b""))[1]
+        if b"--ethercat\0ecs" in command and b"--on-cable" in above and bytes(out) in above:
+            return pid
+    return None
+
+
+@pytest.mark.usefixtures("cable")
+@pytest.mark.skipif(GROUP != "permissive", reason="once is enough")
+def test_the_demo_begins_a_run_anew_where_the_machine_stood_still(
+    tmp_path: Path,
+) -> None:
+    """Its drives are suspended for longer than their watchdog: told; all runs end on the goal."""
+    out = tmp_path / "demo.png"
+    with subprocess.Popen(
+        [sys.executable, "-m", "sjerk", "demo", "--ethercat", "--out", str(out)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as demo:
+        assert demo.stderr is not None
+        said = ""
+        while " 50 %" not in said and (letter := demo.stderr.read(1)):
+            said += letter
+        emulator = _emulator(out)
+        assert emulator is not None, said
+        os.kill(emulator, signal.SIGSTOP)
+        time.sleep(0.5)
+        os.kill(emulator, signal.SIGCONT)
+        table, rest = demo.communicate(timeout=LONGEST_S)
+    assert demo.returncode == 0, said + rest
+    assert "cycles did not reach the drive; the run begins anew" in rest
+    errors = next(line for line in table.splitlines() if line.startswith("final error"))
+    assert [abs(int(word)) <= 10 for word in errors[46:].split()[::2]] == [True] * 4
+
+
 def malformed(capture: Path) -> tuple[int, int]:
     """Frames of a capture, and how many of them Wireshark calls malformed."""
     counts = []
@@ -205,6 +250,9 @@ def malformed(capture: Path) -> tuple[int, int]:
 
 if CAPTURES := [run for run in RUNS[GROUP] if run[0] in CAPTURED]:
 
+    @pytest.mark.skipif(
+        shutil.which("tshark") is None, reason="no tshark (on Debian: apt install tshark)"
+    )
     @pytest.mark.usefixtures("cable")
     @pytest.mark.parametrize(("name", "drives"), CAPTURES)
     def test_an_independent_decoder_finds_nothing_malformed(name: str, drives: int) -> None:

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from helpers.ethercat_joined import AXIS, COUNTS, Joined
 from sjerk import Axis, InputError, Limits, MotionKernel
 from sjerk._binding import ffi, lib
+from sjerk.cycle.states import AxisState
 from sjerk.ports.ethercat import BusError, DriveSettings, Line, MainDevice
 
 INT32 = st.one_of(
@@ -85,6 +86,21 @@ def test_two_runs_are_equal_to_the_bit(tmp_path: Path) -> None:
         return rows
 
     assert run() == run()
+
+
+def test_one_lrw_for_all_drives_moves_them_too() -> None:
+    """As benchmarks compare it: the counter is that of all, none is told apart from the others."""
+    joined = Joined(3, drift_ppm=20)
+    joined.c.together = 1
+    with joined:
+        joined.enable()
+        move = joined.host.move([1.0, -2.0, 3.0])
+        joined.until(lambda: move.done)
+        assert [joined.c.drive[k].told.counter for k in range(3)] == [9, 9, 9]
+        assert joined.findings() == [{}] * 3
+        joined.line.cut(2)
+        joined.cycles(joined.c.lost + 8)
+        assert [axis.state for axis in joined.axes] == [AxisState.ERROR_STOP] * 3
 
 
 @pytest.mark.parametrize("drives", [1, 41])

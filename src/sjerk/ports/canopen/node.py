@@ -11,7 +11,6 @@ Never here: what an object means, the drive's states.
 from __future__ import annotations
 
 import enum
-import statistics
 import time
 from collections.abc import Callable
 from typing import Any
@@ -21,13 +20,14 @@ from sjerk.drive.objects import DISABLED, PDOS
 from sjerk.ports.canopen.deadlines import Deadlines
 from sjerk.ports.canopen.frames import Frame, Send
 from sjerk.ports.canopen.sdo import SdoServer
+from sjerk.ports.canopen.sync import SyncWatch
 
 CATCH_UP_S = 0.05
 """Most of the past that the clock makes up for in a drive that no SYNC has led."""
+BURST = 1000
+"""Frames in a row after which time passes, whether more of them wait or not."""
 CATCH_UP_SYNCED_S = 2.0
 """The same in a drive that moves when SYNC stays away: its motor has turned on meanwhile."""
-SYNCS_COMPARED = 16
-"""Intervals between SYNCs whose median is compared with 60C2h."""
 
 _PDO_LENGTH_SHORT, _PDO_LENGTH_LONG, _PDO_TIMEOUT = 0x8210, 0x8220, 0x8250
 
@@ -82,8 +82,7 @@ class Node:
         self._lived = now
         self._patience = 0.0
         self._cycle_due = now
-        self._synced_at: float | None = None
-        self._intervals: list[float] = []
+        self._syncs = SyncWatch()
         self._bad_lengths: dict[int, int] = {}
         self._deadlines = Deadlines(device)
         self._told_deadlines = False
@@ -162,8 +161,7 @@ class Node:
         self._synced = False
         self._lived = self._cycle_due = now
         self._patience = 0.0
-        self._synced_at = None
-        self._intervals.clear()
+        self._syncs = SyncWatch()
         self._bad_lengths.clear()
         self._deadlines.clear()
         self._told_deadlines = False
@@ -281,12 +279,11 @@ class Node:
     def _sync(self, now: float) -> None:
         if self.nmt == NmtState.STOPPED:
             return
-        self._see_interval(now)
+        self._see_sync(now)
         self._synced = True
         self._lived = now
-        cycle = int(self.device.read(0x1006)) * 1e-6
-        self._patience = 0.5 * cycle
-        self._cycle_due = now + (1.5 * cycle or int(self.device.read(0x2100, 7)) * 1e-3)
+        self._patience = 0.5e-6 * int(self.device.read(0x1006))
+        self._cycle_due = now + self._silence()
         for number, data in self._pending.items():
             self.device.receive(number, data)
         self._pending.clear()
@@ -308,16 +305,18 @@ class Node:
                     self._sync_counts[number] = 0
                     self._transmit(number, now)
 
-    def _see_interval(self, now: float) -> None:
-        """Hold 60C2h against the SYNCs that come, by their median, while the drive is enabled."""
-        if self._synced_at is not None:
-            self._intervals.append(now - self._synced_at)
-        self._synced_at = now
-        if self.device.feedback.state is not DriveState.OPERATION_ENABLED:
-            self._intervals.clear()
-        elif len(self._intervals) == SYNCS_COMPARED:
-            self.device.drive.see_period(statistics.median(self._intervals))
-            self._intervals.clear()
+    def _silence(self) -> float:
+        """Seconds without SYNC that count: by 1006h, by 2100h:7, or learned."""
+        cycle, fixed = int(self.device.read(0x1006)), int(self.device.read(0x2100, 7))
+        return 1.5e-6 * cycle or 1e-3 * fixed or self._syncs.limit
+
+    def _see_sync(self, now: float) -> None:
+        """Learn the interval, and hold 60C2h against it while the drive is enabled."""
+        self._syncs.take(now)
+        enabled = self.device.feedback.state is DriveState.OPERATION_ENABLED
+        period = self._syncs.period(counts=enabled)
+        if period is not None:
+            self.device.drive.see_period(period)
 
     def _live_on(self, now: float) -> None:
         """The periods that have passed without SYNC: missed ones where SYNC led an enabled drive.
@@ -402,8 +401,14 @@ class Node:
     def run(self, bus: Any, stop: Callable[[], bool]) -> None:
         """Serve a bus of python-can until `stop()` is true; it is asked every 0.1 s or sooner."""
         while not stop():
-            due = self.tick(time.monotonic())
-            frame = bus.recv(min(0.1, max(0.0, due - time.monotonic())))
-            while frame is not None:
-                self.take(frame, time.monotonic())
+            for _ in range(BURST):
+                empty = time.monotonic()
                 frame = bus.recv(0)
+                if frame is None:
+                    break
+                self.take(frame, time.monotonic())
+            # what waited is no silence, however late this process looks
+            due = self.tick(empty)
+            frame = bus.recv(min(0.1, max(0.0, due - time.monotonic())))
+            if frame is not None:
+                self.take(frame, time.monotonic())

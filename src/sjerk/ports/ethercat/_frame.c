@@ -50,6 +50,13 @@ static uint32_t data_bytes(const sj_bus_drive *d)
     return d->out_bytes > d->in_bytes ? d->out_bytes : d->in_bytes;
 }
 
+/* Of the logical addresses of all drives; they follow each other. */
+static uint32_t span(const sj_bus *bus)
+{
+    const sj_bus_drive *last = &bus->drive[bus->count - 1];
+    return last->logical + data_bytes(last) - bus->drive[0].logical;
+}
+
 int32_t sj_bus_lay_out(sj_bus *bus)
 {
     uint32_t at = FIRST + FRONT;
@@ -134,8 +141,16 @@ static void compose(sj_bus *bus, int32_t number)
         last = at;
         at = put(frame, at, FPRD, index, state | station_of(bus, bus->turn), STATE_BYTES);
     }
+    if (bus->together) {
+        last = at;
+        at = put(frame, at, LRW, index, bus->drive[0].logical, span(bus));
+    }
     for (int i = 0; i < bus->count; i++) {
         const sj_bus_drive *d = &bus->drive[i];
+        if (bus->together) {
+            put_outputs(bus, d, data_at(frame, last) + (d->logical - bus->drive[0].logical));
+            continue;
+        }
         if (d->frame != number)
             continue;
         last = at;
@@ -205,11 +220,12 @@ static void take_front(sj_bus *bus, const uint8_t *frame)
     bus->drive[bus->turn].been_up |= get16(state) == AL_OP;
 }
 
-static void take_inputs(sj_bus *bus, sj_bus_drive *d, const uint8_t *data)
+static void take_inputs(sj_bus *bus, sj_bus_drive *d, const uint8_t *data, uint32_t expected,
+                        uint16_t counter)
 {
     uint8_t *tx = (uint8_t *)&bus->kernel->tx[d->axis];
-    d->told.counter = get16(data + data_bytes(d));
-    if (d->told.counter != d->expected) {
+    d->told.counter = counter;
+    if (counter != expected) {
         d->told.wrong++;
         return;
     }
@@ -229,11 +245,17 @@ int32_t sj_bus_accept(sj_bus *bus, const uint8_t *frame, int32_t length)
         flight->answered = 1;
         if (i == 0)
             take_front(bus, frame);
-        for (int k = 0; k < bus->count; k++)
-            if (bus->drive[k].frame == i) {
-                take_inputs(bus, &bus->drive[k], frame + at + HEADER);
-                at += HEADER + data_bytes(&bus->drive[k]) + COUNTER;
+        for (int k = 0; k < bus->count; k++) {
+            sj_bus_drive *d = &bus->drive[k];
+            const uint8_t *data = frame + at + HEADER;
+            if (bus->together) {
+                take_inputs(bus, d, data + (d->logical - bus->drive[0].logical),
+                            (uint32_t)bus->count * d->expected, get16(data + span(bus)));
+            } else if (d->frame == i) {
+                take_inputs(bus, d, data, d->expected, get16(data + data_bytes(d)));
+                at += HEADER + data_bytes(d) + COUNTER;
             }
+        }
         return 1;
     }
     bus->told.stray++;

@@ -50,6 +50,7 @@ typedef struct {
     uint16_t reference; /* station with the clock; 0: none */
     uint16_t wide;      /* 1: its clock has 64 bits */
     int32_t raw;        /* 1: the clock by arrival times, as others do; for comparisons */
+    int32_t together; /* 1: one LRW for all drives of one frame, likewise; before the first cycle */
     sj_bus_drive drive[64];
     /* the cycle's frames */
     int32_t frames;

@@ -20,7 +20,14 @@ typedef struct {
     sj_bus *bus;
     int32_t socket;
     int32_t failed; /* errno of the last send that did not go out; 0 */
+    uint8_t *ring;  /* frames that came, as the system puts them there; NULL: they are asked for */
+    uint32_t next;  /* of the ring, that is looked at next */
 } sj_wire_bus;
+
+/* Let the system put what comes into memory, so that a cycle need not ask for it. Returns 0 or -errno; then
+ * it asks. */
+int32_t sj_wire_map(sj_wire_bus *wire);
+void sj_wire_unmap(sj_wire_bus *wire);
 
 /* The exchange of a clocked kernel over that socket. */
 void sj_wire_exchange(sj_wire_bus *wire, sj_exchange *exchange);

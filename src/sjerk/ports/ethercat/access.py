@@ -24,6 +24,7 @@ MS = 1_000_000
 _TRIES = 20  # of a frame that does not come back
 _SII_NS, _STATE_NS = 500 * MS, 5_000 * MS
 _AL_CONTROL, _AL_STATUS, _SII_CONFIG, _SII = 0x0120, 0x0130, 0x0500, 0x0502
+_SII_BYTES = 14  # of 0502h to 050Fh: status, word address, data
 _SII_BUSY, _SII_FAULT, _SII_EIGHT = 0x8000, 0x7800, 0x0040
 
 
@@ -142,29 +143,40 @@ class Access:
     # ---- SII ----
 
     def sii(self, station: int, word: int, words: int) -> Steps[bytes]:
-        """So many words of the SII; raises `BusError`."""
+        """So many words of the SII; raises `BusError`.
+
+        The order and the look at what it brings go in one frame: a quick device has done it.
+        """
         data = b""
-        yield from self.write(station, _SII_CONFIG, b"\2")  # taken from the device,
-        yield from self.write(station, _SII_CONFIG, b"\0")  # for the main device
+        fpwr, fprd = Command.FPWR, Command.FPRD
+        taken = (  # from the device, for the main device
+            Datagram(fpwr, station, _SII_CONFIG, b"\2"),
+            Datagram(fpwr, station, _SII_CONFIG, b"\0"),
+        )
         while len(data) < 2 * words:
-            at = word + len(data) // 2
-            yield from self.write(station, _SII, struct.pack("<HI", 0x0100, at))
-            status = yield from self._sii_done(station)
-            data += yield from self.read(station, _SII + 6, 8 if status & _SII_EIGHT else 4)
+            order = struct.pack("<HI", 0x0100, word + len(data) // 2)
+            answers = yield from self.ask(
+                *(() if data else taken),
+                Datagram(fpwr, station, _SII, order),
+                Datagram(fprd, station, _SII, bytes(_SII_BYTES)),
+            )
+            if any(answer.counter != 1 for answer in answers):
+                raise BusError("its SII does not answer", position_of(station))
+            status, came = yield from self._sii_done(station, answers[-1].data)
+            data += came[: 8 if status & _SII_EIGHT else 4]
         return data[: 2 * words]
 
-    def _sii_done(self, station: int) -> Steps[int]:
+    def _sii_done(self, station: int, registers: bytes) -> Steps[tuple[int, bytes]]:
+        """0502h once it is not busy, and the data; `registers`: as they were just read."""
         end = self.now() + _SII_NS
-        while True:
-            status = yield from self.word(station, _SII)
-            if not status & _SII_BUSY:
-                break
+        while (status := int.from_bytes(registers[:2], "little")) & _SII_BUSY:
             if self.now() > end:
                 raise BusError("the SII stays busy", position_of(station))
             yield
+            registers = yield from self.read(station, _SII, _SII_BYTES)
         if status & _SII_FAULT:
             raise BusError(f"the SII cannot be read, 0502h = {status:04X}h", position_of(station))
-        return status
+        return status, registers[6:]
 
     # ---- states ----
 

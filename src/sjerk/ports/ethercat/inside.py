@@ -54,6 +54,7 @@ class Connection:
             raise
         self._wire = ffi.new("sj_wire_bus *")
         self._wire.bus, self._wire.socket = self.bus.c, self._socket.fileno()
+        lib.sj_wire_map(self._wire)  # where that is refused, each cycle asks for what came
         self.exchange = ffi.new("sj_exchange *")
         """What the clock calls."""
         lib.sj_wire_exchange(self._wire, self.exchange)
@@ -76,6 +77,7 @@ class Connection:
         try:
             finish(self.bus.leave(), _moment)
         finally:
+            lib.sj_wire_unmap(self._wire)
             self._socket.close()
             self._transport.close()
 

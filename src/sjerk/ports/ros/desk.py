@@ -101,7 +101,8 @@ class Desk:
             way, stamp = from_message(message.trajectory if whole else message)
             more: dict[str, Any] = {}
             if whole:
-                if len(message.multi_dof_trajectory.points):
+                more_dof = getattr(message, "multi_dof_trajectory", None)  # not in ROS 1
+                if more_dof is not None and len(more_dof.points):
                     what = "multi_dof_trajectory: only joints with one degree of freedom"
                     return Refusal(ResultCode.INVALID_GOAL, what)
                 more["goal_time"] = seconds(message.goal_time_tolerance)

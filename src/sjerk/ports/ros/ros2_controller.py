@@ -24,19 +24,23 @@ from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
+from std_msgs.msg import String
 from std_srvs.srv import SetBool
-from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+from trajectory_msgs.msg import JointTrajectory
 
 from sjerk.errors import InputError, KernelGoneError, SjerkError
 from sjerk.executor import GoalHandle, GoalStatus, ResultCode, Settings
 from sjerk.host import Host
 from sjerk.ports.ros.desk import Desk, Refusal
 from sjerk.ports.ros.joints import Joints
-from sjerk.ports.ros.messages import Rows, stamp_of
+from sjerk.ports.ros.leading import joints_of, lead
+from sjerk.ports.ros.messages import Rows
 from sjerk.ports.ros.parameters import CONTROLLER, IGNORED, Parameter, constraints, settings
-from sjerk.ports.ros.ros2_life import Waits, declare, ignored, joints_of, lead, run, stops
-from sjerk.ports.ros.ros2_status import MotionStates, diagnostics
-from sjerk.ports.ros.ros2_topic import TopicMotion
+from sjerk.ports.ros.ros2_life import Waits, checks, declare, ignored, run, stops
+from sjerk.ports.ros.ros2_messages import controller_state, goal_feedback
+from sjerk.ports.ros.ros2_status import MotionStates, diagnostics, joint_state
+from sjerk.ports.ros.status import Status, check, check_start, statuses, warnings
+from sjerk.ports.ros.topic import TopicMotion
 
 try:
     from cobot_msgs.srv import CobotApiSrv
@@ -105,8 +109,8 @@ class TrajectoryController(LifecycleNode):  # type: ignore[misc]
     def on_configure(self, state: Any) -> TransitionCallbackReturn:
         """Kernel and interfaces; refuses with a text."""
         try:
-            self._host = lead(self, self._open)
-            joints = joints_of(self, self._host)
+            self._host = lead(self._value, self._open)
+            joints = joints_of(self._value("joints"), self._host)
             self._known = (*CONTROLLER, *constraints(joints.names))
             declare(self, [p for p in self._known if not self.has_parameter(p.name)])
             self._joints = joints
@@ -115,13 +119,14 @@ class TrajectoryController(LifecycleNode):  # type: ignore[misc]
             self.get_logger().error(f"not configured: {error}")
             self.leave()
             return TransitionCallbackReturn.FAILURE
-        self._topic = TopicMotion(self, self._host, self._joints)
+        self._topic = TopicMotion(self._host, self._joints, self._value)
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._states = self._own(self.create_publisher, JointState, "joint_states", 10)
         self._reference = self._own(
             self.create_publisher, JointTrajectoryControllerState, "~/controller_state", 10
         )
         self._diagnostics = self._own(self.create_publisher, DiagnosticArray, "/diagnostics", 10)
+        self._warnings = self._own(self.create_publisher, String, "~/warnings", 10)
         self._motion_states = MotionStates(self, self._joints)
         self._own(
             self.create_subscription, JointTrajectory, "~/joint_trajectory", self._on_topic, 10
@@ -143,6 +148,7 @@ class TrajectoryController(LifecycleNode):  # type: ignore[misc]
             cancel_callback=self._on_cancel,
         )
         stops(partial(self._own, self.create_service), self._on_order)
+        checks(partial(self._own, self.create_service), self._check)
         self._own(self.create_service, SetBool, "~/hold", self._on_hold)
         if CobotApiSrv is not None:
             self._own(self.create_service, CobotApiSrv, "cobot_api_service", self._on_cobot)
@@ -164,6 +170,7 @@ class TrajectoryController(LifecycleNode):  # type: ignore[misc]
         assert self._host is not None
         assert self._joints is not None
         try:
+            check_start(self._host, self._joints, self.get_logger().info)
             self._host.enable()
             self._desk = Desk(
                 self._host,
@@ -285,28 +292,14 @@ class TrajectoryController(LifecycleNode):  # type: ignore[misc]
 
     def _feedback(self) -> None:
         self._tell()
-        assert self._joints is not None
+        if self._joints is None:
+            return
         for goal, handle, _ in list(self._goals.values()):
             told = handle.feedback
             if handle.status is not GoalStatus.EXECUTING or told is None or not goal.is_active:
                 continue
-            scale = [self._joints.scale_of(name) for name in told.joint_names]
-            message = FollowJointTrajectory.Feedback(joint_names=list(told.joint_names))
-            message.header.stamp = self.get_clock().now().to_msg()
-            for name, position, velocity in (
-                ("desired", told.desired, told.desired_velocity),
-                ("actual", told.actual, told.actual_velocity),
-                ("error", told.error, told.desired_velocity - told.actual_velocity),
-            ):
-                point = JointTrajectoryPoint(
-                    positions=position / scale, velocities=velocity / scale
-                )
-                at = point.time_from_start
-                at.sec, at.nanosec = stamp_of(max(0.0, told.time))
-                setattr(message, name, point)
-            if hasattr(message, "index"):  # control_msgs of Kilted and later
-                message.index = told.point
-            goal.publish_feedback(message)
+            stamp = self.get_clock().now().to_msg()
+            goal.publish_feedback(goal_feedback(told, self._joints, stamp))
 
     def _on_topic(self, message: JointTrajectory, info: dict[str, int]) -> None:
         if self._desk is None or self._topic is None:
@@ -391,39 +384,32 @@ class TrajectoryController(LifecycleNode):  # type: ignore[misc]
 
     # ---- what is told
 
+    def _check(self) -> list[Status]:
+        """Before the start, joint by joint; where the kernel is gone, that."""
+        if self._host is None or self._joints is None:
+            return statuses(None, None)
+        try:
+            return check(self._host, self._joints)
+        except SjerkError:
+            return statuses(self._host, self._joints)
+
     def _publish(self) -> None:
-        assert self._host is not None
-        assert self._joints is not None
+        if self._host is None or self._joints is None:
+            return  # cleaned up, and this timer was due before
         try:
             frame = self._host.feedback()
         except KernelGoneError as error:
             self._gone(error)
             return
         rows, now = Rows.of(frame, self._joints), self.get_clock().now().to_msg()
-        names = list(self._joints.names)
-        states = JointState(
-            name=names, position=rows.feedback_position, velocity=rows.feedback_velocity
+        names = self._joints.names
+        self._states.publish(
+            joint_state(names, rows.feedback_position, rows.feedback_velocity, now)
         )
-        states.header.stamp = now
-        self._states.publish(states)
-        told = JointTrajectoryControllerState(joint_names=names)
-        told.header.stamp = now
-        told.reference = JointTrajectoryPoint(
-            positions=rows.command_position,
-            velocities=rows.command_velocity,
-            accelerations=rows.command_acceleration,
-        )
-        told.feedback = JointTrajectoryPoint(
-            positions=rows.feedback_position, velocities=rows.feedback_velocity
-        )
-        told.error = JointTrajectoryPoint(
-            positions=rows.command_position - rows.feedback_position,
-            velocities=rows.command_velocity - rows.feedback_velocity,
-        )
-        told.output = JointTrajectoryPoint(positions=rows.command_position)
-        told.speed_scaling_factor = frame.path.speed
-        self._reference.publish(told)
+        self._reference.publish(controller_state(names, rows, frame.path.speed, now))
         self._motion_states.publish(frame, rows, now)
+        for text in warnings(self._host):
+            self._warnings.publish(String(data=text))
 
     def _gone(self, error: SjerkError) -> None:
         """The kernel has ended: everybody is told, the node goes back to inactive."""
@@ -445,9 +431,9 @@ class TrajectoryController(LifecycleNode):  # type: ignore[misc]
             self._topic.drop()
 
     def _diagnose(self) -> None:
-        assert self._joints is not None
         goals = {"open": len(self._goals), "active": self._desk is not None}
-        self._diagnostics.publish(diagnostics(self, self._host, self._joints, {"goals": goals}))
+        rows = statuses(self._host, self._joints, {"goals": goals})
+        self._diagnostics.publish(diagnostics(self, rows))
 
     # ---- life
 
@@ -469,8 +455,11 @@ class TrajectoryController(LifecycleNode):  # type: ignore[misc]
             return not self._goals
 
     def leave(self) -> None:
-        """Leave the kernel; end it where it is a child."""
-        self._host = None
+        """Leave the kernel; end it where it is a child. Nothing asks after its goals any more."""
+        self._host = self._desk = self._closing = None
+        for _, _, future in self._goals.values():
+            if not future.done():
+                future.set_result(None)
         self._open.close()
         self._open = ExitStack()
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 import signal
 import time
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
 from typing import Any
 
 import rclpy
@@ -21,11 +20,9 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 
-from sjerk.errors import InputError, SjerkError
-from sjerk.host import Host
-from sjerk.kernel import load
-from sjerk.ports.ros.joints import Joints
+from sjerk.errors import SjerkError
 from sjerk.ports.ros.parameters import Parameter
+from sjerk.ports.ros.status import Level, Status
 
 #: Seconds that results may take to reach their clients when a node ends.
 _FAREWELL = 0.2
@@ -67,28 +64,6 @@ def ignored(node: Node, names: Sequence[str]) -> list[str]:
     return found
 
 
-def lead(node: Node, open_: ExitStack) -> Host:
-    """Become the host of the kernel that the parameters name; ``open_`` ends it.
-
-    Raises InputError and what ``load`` and ``Host.attach`` raise.
-    """
-    file, name = (node.get_parameter(f"kernel.{what}").value for what in ("file", "name"))
-    if bool(file) == bool(name):
-        what = "exactly one of kernel.file and kernel.name must be given"
-        raise InputError("kernel", file or name, what)
-    if file:
-        kernel = open_.enter_context(load(file))
-        return open_.enter_context(kernel.host())
-    return open_.enter_context(Host.attach(name, wait=2.0))
-
-
-def joints_of(node: Node, host: Host) -> Joints:
-    """The joints by the parameter, else the names of the axes; raises InputError."""
-    given = [name for name in node.get_parameter("joints").value if name]
-    units = [axis.unit for axis in host.feedback().axes]
-    return Joints.of(given or host.names, units)
-
-
 def stops(create: Callable[..., Any], answer: Callable[[str], Any]) -> None:
     """The services ``~/halt``, ``~/quick_stop`` and ``~/reset``.
 
@@ -108,6 +83,18 @@ def stops(create: Callable[..., Any], answer: Callable[[str], Any]) -> None:
 
     for name in ("halt", "quick_stop", "reset"):
         offer(name)
+
+
+def checks(create: Callable[..., Any], look: Callable[[], Sequence[Status]]) -> None:
+    """The service ``~/check``: whether bus, drive and cycle of each joint are ready."""
+
+    def serve(request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        rows = look()
+        response.success = all(row.level < Level.ERROR for row in rows)
+        response.message = "\n".join(f"{row.what}: {row.text}" for row in rows)
+        return response
+
+    create(Trigger, "~/check", serve)
 
 
 class Waits:

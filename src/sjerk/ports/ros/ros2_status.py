@@ -1,17 +1,19 @@
-"""What the nodes tell of the kernel beside joint states: motion states and diagnostics."""
+"""What both nodes tell of the kernel: joint states, motion states, diagnostics."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
+from sensor_msgs.msg import JointState
 
-from sjerk.errors import SjerkError
-from sjerk.host import Feedback, Host
+from sjerk.host import Feedback
 from sjerk.ports.ros.joints import Joints
 from sjerk.ports.ros.messages import Rows
+from sjerk.ports.ros.status import Status
+from sjerk.profile import FloatArray
 
 try:
     from sjerk_msgs.msg import MotionState
@@ -62,62 +64,27 @@ class MotionStates:
         self._publisher.publish(message)
 
 
-def _status(
-    node: Node, what: str, level: bytes, text: str, values: Mapping[str, object]
-) -> DiagnosticStatus:
-    return DiagnosticStatus(
-        level=level,
-        name=f"{node.get_name()}: {what}",
-        message=text,
-        hardware_id="sjerk",
-        values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
-    )
+def joint_state(
+    names: Sequence[str], position: FloatArray, velocity: FloatArray, stamp: Any
+) -> JointState:
+    """All joints in one cycle."""
+    message = JointState(name=list(names), position=position, velocity=velocity)
+    message.header.stamp = stamp
+    return message
 
 
-def diagnostics(
-    node: Node,
-    host: Host | None,
-    joints: Joints,
-    more: Mapping[str, Mapping[str, object]] | None = None,
-) -> DiagnosticArray:
-    """Of the kernel and of each joint; ``more``: further rows of values by name."""
+def diagnostics(node: Node, rows: Sequence[Status]) -> DiagnosticArray:
+    """Rows as a message of this node."""
     told = DiagnosticArray()
     told.header.stamp = node.get_clock().now().to_msg()
-    rows = told.status
-    try:
-        if host is None:
-            rows.append(_status(node, "kernel", DiagnosticStatus.STALE, "not configured", {}))
-            return told
-        frame = host.feedback()
-    except SjerkError as error:
-        rows.append(_status(node, "kernel", DiagnosticStatus.ERROR, str(error), {}))
-        return told
-    timing = frame.timing
-    level = DiagnosticStatus.WARN if timing.late else DiagnosticStatus.OK
-    numbers = {
-        "cycle": frame.cycle,
-        "late_cycles": timing.late,
-        "latency_p99_us": round(1e6 * timing.latency.p99, 1),
-        "computing_p99_us": round(1e6 * timing.computing.p99, 1),
-    }
-    rows.append(_status(node, "kernel", level, host.kernel_state.value, numbers))
-    for name, axis in zip(joints.names, frame.axes, strict=True):
-        level = DiagnosticStatus.OK if axis.follows else DiagnosticStatus.WARN
-        values: dict[str, object] = {
-            "drive": axis.drive_state.name,
-            "error_code": f"{axis.error_code:04X}h",
-            "following_error_increments": axis.following_error,
-        }
-        rows.append(
-            _status(
-                node,
-                name,
-                DiagnosticStatus.ERROR if axis.fault else level,
-                axis.state.name.lower(),
-                values,
-            )
+    told.status = [
+        DiagnosticStatus(
+            level=bytes([row.level]),
+            name=f"{node.get_name()}: {row.what}",
+            message=row.text,
+            hardware_id="sjerk",
+            values=[KeyValue(key=key, value=str(value)) for key, value in row.values.items()],
         )
-    rows.extend(
-        _status(node, what, DiagnosticStatus.OK, "", own) for what, own in (more or {}).items()
-    )
+        for row in rows
+    ]
     return told

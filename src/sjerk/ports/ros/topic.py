@@ -1,10 +1,12 @@
-"""Trajectories by topic as a stream or as windows to be tracked. Never here: goals of actions."""
+"""Trajectories by topic as a stream or as windows to be tracked.
+
+Never here: goals of actions, ROS.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
-
-from rclpy.node import Node
 
 from sjerk.executor import StreamPlayer
 from sjerk.executor.goal import from_message
@@ -14,12 +16,12 @@ from sjerk.ports.ros.tracking import SHARE, Rest, Tracker, Window
 
 
 class TopicMotion:
-    """What messages on ``~/joint_trajectory`` move, where they are no goals of their own."""
+    """What messages of trajectories move, where they are no goals of their own."""
 
-    def __init__(self, node: Node, host: Host, joints: Joints) -> None:
-        """By the parameters of the node."""
-        self._node, self._host, self._joints = node, host, joints
-        self.mode: str = self._value("topic_mode")
+    def __init__(self, host: Host, joints: Joints, value: Callable[[str], Any]) -> None:
+        """``value``: a parameter of ``parameters.CONTROLLER`` by name."""
+        self._host, self._joints, self._value = host, joints, value
+        self.mode: str = value("topic_mode")
         self._tracker = Tracker(
             horizon=self._value("track.horizon"),
             timeout=self._value("track.timeout"),
@@ -27,9 +29,6 @@ class TopicMotion:
         )
         self._player: StreamPlayer | None = None
         self._first, self._last, self._came = 0.0, 0.0, 0.0
-
-    def _value(self, name: str) -> Any:
-        return self._node.get_parameter(name).value
 
     def drop(self) -> None:
         """Follow nothing that came before: another hand moves."""

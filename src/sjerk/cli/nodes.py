@@ -1,0 +1,33 @@
+"""Arguments that the nodes of ROS 1 and of ROS 2 have in common. Never here: ROS."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from sjerk.errors import InputError
+
+
+def add_node_arguments(job: argparse.ArgumentParser) -> None:
+    """Add which node, of which kernel, with which joints and parameters."""
+    job.add_argument("node", choices=("control", "controller"))
+    job.add_argument("robot", nargs="?", type=Path, help="TOML file of a kernel to run as a child")
+    job.add_argument("--kernel", metavar="NAME", help="lead this running kernel instead")
+    job.add_argument("--params", type=Path, metavar="F.yaml", help="parameters of the node")
+    job.add_argument("--node-name", metavar="NAME", help="of the node: the controller's name")
+    job.add_argument(
+        "--joints",
+        nargs="+",
+        metavar="JOINT",
+        help="one name per axis, in order; default: those of the axes",
+    )
+    job.add_argument(
+        "--ros-args", nargs=argparse.REMAINDER, default=[], help="all further words are ROS's"
+    )
+
+
+def check_files(options: argparse.Namespace) -> None:
+    """Raise InputError for files that are not there."""
+    for name, file in (("params", options.params), ("robot", options.robot)):
+        if file is not None and not file.is_file():
+            raise InputError(name, str(file), "is no file")

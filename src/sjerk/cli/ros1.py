@@ -1,0 +1,52 @@
+"""``sjerk ros1 controller|control``: a kernel behind a ROS 1 node. Never here: topics, motion."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from sjerk.cli.nodes import add_node_arguments, check_files
+from sjerk.errors import ExtraMissingError, SjerkError
+from sjerk.extras import load
+
+_NODES = {
+    "controller": "sjerk.ports.ros.ros1_controller",
+    "control": "sjerk.ports.ros.ros1_control_node",
+}
+
+
+def add_arguments(jobs: Any) -> None:
+    """Add ros1."""
+    job = jobs.add_parser(
+        "ros1",
+        help="be a ROS 1 node on a kernel: trajectory controller, or control node",
+        epilog="For example: --ros-args joint_states:=/arm/joint_states _speed:=0.5",
+    )
+    add_node_arguments(job)
+    job.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Be the node until SIGINT or SIGTERM; the exit code."""
+    try:
+        node = load(_NODES[options.node], extra="ros1")
+    except ExtraMissingError as fault:
+        what = f"{fault.module!r} is not installed: source a ROS 1, or make one: tools/ros1_venv.sh"
+        raise SjerkError(what) from fault
+    words = arguments(options)
+    return int(node.main(words, options.params))
+
+
+def arguments(options: argparse.Namespace) -> list[str]:
+    """The options as arguments of ROS; raises InputError for files that are not there."""
+    check_files(options)
+    words = []
+    if options.node_name:
+        words.append(f"__name:={options.node_name}")
+    if options.robot is not None:
+        words.append(f"_kernel/file:={options.robot}")
+    if options.kernel is not None:
+        words.append(f"_kernel/name:={options.kernel}")
+    if options.joints:
+        words.append(f"_joints:=[{', '.join(options.joints)}]")
+    return [*words, *options.ros_args]

@@ -1,0 +1,162 @@
+"""What one browser has: its own inputs, which no other browser reaches, and its plots.
+
+Each order is checked by the desk, whatever this page shows. Never here: planning, leading.
+"""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any
+
+import viser
+
+from sjerk.errors import SjerkError
+from sjerk.host import Host
+from sjerk.ports.panel.desk import Desk
+from sjerk.ports.panel.door import Role
+from sjerk.ports.panel.jogging import JogTab
+from sjerk.ports.panel.plan_tab import PlanTab
+from sjerk.ports.panel.playing import PlayTab
+from sjerk.ports.panel.scene_tab import SceneTab
+from sjerk.ports.panel.signals import Signals
+
+#: Seconds until drives must follow, or faults be reset.
+_PATIENCE = 1.0
+
+
+class Page:
+    """Of one viser client; ``role``: what its link may; ``now`` and ``signals``: tabs of all."""
+
+    def __init__(self, desk: Desk, client: Any, role: Role, *, now: Any, signals: Any) -> None:
+        self._locked: list[Any]
+        self.desk, self.client, self.role = desk, client, role
+        self.browser: int = client.client_id
+        gui = client.gui
+        with now:
+            self.stop = gui.add_button(
+                "STOP",
+                color="red",
+                icon=viser.Icon.HAND_STOP,
+                order=1.0,
+                hint="jerk-limited halt of all axes, whoever leads; again within 2 s: quick stop",
+            )
+        self.stop.on_click(lambda _: self._stop())
+        self.signals = Signals(gui, desk, signals, self._download)
+        if role == "lead":
+            with signals:
+                record = gui.add_button("Record every cycle", hint="begins, or ends it: Parquet")
+            record.on_click(lambda _: self.do(lambda: self.say(desk.record(self.browser))))
+            self._locked = [record]
+        else:
+            self._locked = []
+        with now:
+            self.said = gui.add_html("", order=5.0, visible=False)
+        self.tabs: list[Any] = []
+        if role == "lead":
+            self._orders(gui, now)
+        else:
+            gui.add_html(
+                "<div style='padding:4px 10px'>This link only views; STOP works.</div>", order=0.3
+            )
+        dark = gui.add_checkbox("Dark", True, order=9.0)
+        dark.on_update(lambda _: self._theme(bool(dark.value)))
+        self.refresh()
+
+    def _orders(self, gui: Any, now: Any) -> None:
+        with now:
+            self.take = gui.add_button("Take the lead", icon=viser.Icon.STEERING_WHEEL, order=3.0)
+            self.power = gui.add_button_group("Drives", ("Enable", "Disable", "Reset"), order=4.0)
+        self.take.on_click(lambda _: self.do(self._toggle))
+        self.power.on_click(lambda _: self.do(self._power))
+        group = gui.add_tab_group(order=0.4)
+        with group.add_tab("Plan"):
+            self.plan = PlanTab(self, gui)
+        with group.add_tab("Jog"):
+            self.jog = JogTab(self, gui)
+        if self.desk.arm is not None:
+            with group.add_tab("Scene"):
+                self.scene = SceneTab(self, gui)
+                self.tabs.append(self.scene)
+        with group.add_tab("Trajectories"):
+            self.play = PlayTab(self, gui)
+        self.tabs += [self.plan, self.jog, self.play]
+        for tab in self.tabs:
+            self._locked += tab.locked
+
+    # ---- what all parts use
+
+    def do(self, work: Callable[[], object]) -> None:
+        """Run an order of this browser; what is refused is told in its page."""
+        try:
+            work()
+        except RuntimeError:  # of viser (server.py): the order is given, its answer may be late
+            return
+        except (SjerkError, TimeoutError, OSError) as fault:
+            self.say(str(fault), bad=True)
+            self.desk.journal.tell(f"browser {self.browser}: {fault}", bad=True)
+
+    def say(self, text: str, *, bad: bool = False) -> None:
+        """One line under the buttons."""
+        colour = "#e03131" if bad else "#2f9e44"
+        with suppress(RuntimeError):  # the browser has left meanwhile
+            self.said.content = (
+                "<div class='sjerk-said' style='padding:4px 10px;font-size:13px;"
+                f"overflow-wrap:anywhere;color:{colour}'>{html.escape(text)}</div>"
+            )
+            self.said.visible = bool(text)
+
+    def refresh(self) -> None:
+        """Buttons that move are open only while this browser leads; the server checks again."""
+        if self.role != "lead":
+            return
+        leads = self.desk.lead.browser == self.browser
+        with suppress(RuntimeError):
+            self.take.label = "Give back the lead" if leads else "Take the lead"
+            for one in self._locked:
+                one.disabled = not leads
+
+    def tick(self) -> None:
+        """Some times a second: what follows the kernel by itself."""
+        for tab in self.tabs:
+            tab.tick()
+
+    # ---- orders
+
+    def _stop(self) -> None:
+        def stop() -> None:
+            what = self.desk.lead.stop()
+            self.say(f"{what} asked for")
+            self.desk.journal.tell(f"browser {self.browser}: STOP, {what}")
+
+        self.do(stop)
+
+    def _toggle(self) -> None:
+        lead = self.desk.lead
+        if lead.browser == self.browser:
+            self.desk.left(self.browser, "given back")
+            self.say("the lead is given back")
+        else:
+            lead.take(self.browser)
+            self.say("this browser leads")
+
+    def _power(self) -> None:
+        orders: dict[str, Callable[[Host], object]] = {
+            "Enable": lambda host: host.enable(timeout=_PATIENCE),
+            "Disable": lambda host: host.disable(timeout=0.0),
+            "Reset": lambda host: host.reset(timeout=_PATIENCE),
+        }
+        answers = {"Enable": "drives follow", "Disable": "drives stop", "Reset": "faults are reset"}
+        word = str(self.power.value)
+        if word in orders:
+            self.desk.lead.order(self.browser, orders[word])
+            self.say(answers[word])
+
+    def _download(self, name: str, data: bytes) -> None:
+        self.client.send_file_download(name, data)
+
+    def _theme(self, dark: bool) -> None:
+        self.client.gui.configure_theme(
+            show_share_button=False, show_logo=False, dark_mode=dark, control_width="large"
+        )
