@@ -20,7 +20,15 @@ from helpers.following_check import (
     recording_keeps,
     toppra_plan,
 )
-from sjerk import InputError, Limits, Trajectory, TrajectoryError, follow, plan
+from sjerk import (
+    InputError,
+    Limits,
+    Trajectory,
+    TrajectoryError,
+    follow,
+    follow_stops,
+    plan,
+)
 from sjerk.trajectory import shipped_recording
 from sjerk.trajectory.segments import Followed, Knot
 
@@ -167,6 +175,21 @@ def test_more_way_points_than_knots_can_meet_are_told() -> None:
     q = np.minimum(t, 1.0 - t)[:, None] * 0.2
     blocks = whole(Trajectory(["a"], t, q), [ROBOT], tolerance=1e-9)
     assert largest(blocks) < 1.3 * 0.2**2 / (2 * ROBOT.acceleration)
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_steps_over_decades_are_met_from_stop_to_stop_or_faster(seed: int) -> None:
+    """Way-points far closer here than there, asked for far too fast: near, never a slow crawl."""
+    rng = np.random.default_rng(seed)
+    step = rng.normal(size=(16, 2)) * 10.0 ** rng.uniform(-4.0, 0.0, (16, 1))
+    q = np.concatenate([np.zeros((1, 2)), np.cumsum(step, axis=0)])
+    limits = [Limits(2.0, 4.0, 500.0), Limits(0.5, 20.0, 100.0)]
+    t = np.concatenate([[0.0], np.cumsum(10.0 ** rng.uniform(-2.5, -1.0, 16))])
+    blocks = whole(Trajectory(["a", "b"], t, q), limits)
+    deviation = np.abs(np.concatenate([block.passed.deviation for block in blocks]))
+    assert (deviation <= 1.001e-3 * np.ptp(q, axis=0)).all()
+    gaps = np.maximum([motion.cycles for motion in follow_stops(q, limits, T)], np.diff(t) / T)
+    assert cycles(blocks) <= gaps.sum() + 2
 
 
 def test_given_velocities_are_near() -> None:

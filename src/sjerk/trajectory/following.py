@@ -52,9 +52,10 @@ def follow(
     within ``tolerance`` (axis units, one for all or one per joint; default: a ten-thousandth of the
     joint's way, at most a twentieth of what it goes in a cycle at its velocity limit). Else the
     motion takes as little longer as it must, never shorter from way-point to way-point than asked:
-    ``stretch`` says how many cycles, ``passed`` when each way-point is passed and how near. A
-    tolerance below the noise of the way-points would cost much time; it is exceeded instead, by as
-    little as it takes. Velocities of the trajectory, with ``use_velocities``, are met as well as
+    ``stretch`` says how many cycles, ``passed`` when each way-point is passed and how near. The
+    default tolerance is raised tenfold at most where that saves time; for way-points denser than
+    knots any tolerance, up to what a joint goes at full velocity in half the time between two.
+    Velocities of the trajectory, with ``use_velocities``, are met as well as
     the way-points leave room. The motion ends a cycle after its time, settled. Limits of velocity,
     acceleration and jerk (the smaller one, where braking has its own) and positions are kept.
 

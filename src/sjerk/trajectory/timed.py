@@ -1,4 +1,4 @@
-"""How a window of way-points with times is passed: in its own time, or in as little more as it needs.
+"""How a window of way-points with times is passed: in its own time, or as little later as it must.
 
 ``docs/explanation/trajectories.md`` has the method. Never here: windows, what is handed out.
 """
@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sjerk.errors import InputError, PlanError
+from sjerk.errors import PlanError
 from sjerk.profile import FloatArray
 from sjerk.trajectory.fastest import (
     NONE,
@@ -37,9 +37,8 @@ _NEARLY = 0.05
 #: Where ten times the tolerance saves more than this share of a uniform stretch, it is noise.
 _NOISE = 0.05
 #: By how much a tolerance may be raised: by default to half of the fastest cycle, as times in whole
-#: cycles are wrong by. Where more time is asked for, so many times the asked, it is an error.
+#: cycles are wrong by.
 _RAISED = 10.0
-_CRAWL = 10.0
 
 
 class Timed:
@@ -132,8 +131,6 @@ class Timed:
             exact, best = self._smooth(task, asked, window, length, way)
             if exact is not None:
                 return exact
-        if best is None and window.first == 0:
-            self._refuse_noise(task, asked, length, float(stops[-1]))
         if best is None or best[0] > 1.0 or best[1].duration > stops[-1] + self._tail(task):
             made = self._finished(task, asked, self._exact(task, stops, window.left))
             if made is not None and (
@@ -183,19 +180,6 @@ class Timed:
             if best is not None and best[0] <= 1.0:
                 break
         return None, best
-
-    def _refuse_noise(self, task: Task, asked: FloatArray, length: int, stops: float) -> None:
-        """InputError for way-points denser than knots that only a crawl could pass."""
-        knots = self._knots(np.empty(0, dtype=np.int64), length, 1.0)
-        if len(asked) < len(knots) or stops < _CRAWL * length:
-            return
-        loose = at_pace(task, knots, first_answer(task, knots, asked, 1.0), NONE)
-        if loose is not None:
-            least = (loose.excess * task.unit).tolist()
-            asked_for = self._tolerance if self._tolerance is None else self._tolerance.tolist()
-            raise InputError(
-                "tolerance", asked_for, f"must be at least {least} for way-points as noisy as these"
-            )
 
     def _raised(self, task: Task, dense: bool) -> FloatArray:
         """How far off a joint may be (J,) at most where that is noise."""

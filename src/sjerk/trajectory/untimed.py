@@ -250,12 +250,14 @@ class Untimed:
         if self._corridor is None:
             passes, stops = window.going_on(passes), window.going_on(stops)
         held = _on_limits(task)
-        found = [
-            self._begun(task, keep, moments, window.left, least, held)
-            for moments, least in ((passes, _PASSING), (stops, _STOPPING))
-        ]
+        found: list[_Start] = []
+        for moments, least in ((passes, _PASSING), (stops, _STOPPING)):
+            if found and self._corridor is not None:  # points on lines are no stops
+                break
+            start = self._begun(task, keep, moments, window.left, least, held)
+            found += [] if start is None else [start]
         best: tuple[Knots, Answer] | None = None
-        for begun in sorted((x for x in found if x is not None), key=lambda x: x.length):
+        for begun in sorted(found, key=lambda x: x.length):
             if best is not None and best[0].duration <= begun.length / _HOPE:
                 continue
             own, knots, share = begun.task, begun.knots, begun.keep
