@@ -131,7 +131,8 @@ class Timed:
             exact, best = self._smooth(task, asked, window, length, way)
             if exact is not None:
                 return exact
-        if best is None or best[0] > 1.0 or best[1].duration > stops[-1] + self._tail(task):
+        slow = best is None or best[1].duration > stops[-1] + self._tail(task)
+        if best is None or (not dense and (best[0] > 1.0 or slow)):
             made = self._finished(task, asked, self._exact(task, stops, window.left))
             if made is not None and (
                 best is None or best[0] > 1.0 or made[1].duration < best[1].duration
