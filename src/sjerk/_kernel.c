@@ -100,8 +100,9 @@ typedef struct {
     double P_hi[SJ_PHASES], P_lo[SJ_PHASES]; /* and to P, besides n V */
 } columns;
 
-/* Lengths and levels, checked: enum sj_load_status. */
-static int32_t levels_of(const sj_plan *plan, sj_exact level, double *steepest, columns *c)
+/* Lengths and levels up to the goal's, checked: enum sj_load_status. */
+static int32_t levels_of(const sj_plan *plan, sj_exact level, double goal, double *steepest,
+                         columns *c)
 {
     int64_t cycles = 0;
 
@@ -115,9 +116,9 @@ static int32_t levels_of(const sj_plan *plan, sj_exact level, double *steepest, 
         end = level_after(level.hi, phase);
         *steepest = fmax(*steepest, fabs(end));
         if (i == plan->count - 1) {
-            if (fabs(end) > landing_tolerance * *steepest)
+            if (fabs(end - goal) > landing_tolerance * *steepest)
                 return SJ_LOAD_MISSES;
-            end = 0.0;
+            end = goal;
         }
         c->cycles[i] = (double)phase->cycles;
         c->level_hi[i] = level.hi;
@@ -159,6 +160,14 @@ SIMD static void fill_columns(columns *restrict c, int32_t count)
 int32_t sj_interpolator_load(sj_interpolator *ip, const sj_plan *plan, double goal,
                              double goal_velocity, int32_t goal_free)
 {
+    sj_state end = {goal, goal_velocity, 0.0};
+    return sj_interpolator_load_to(ip, plan, &end, goal_free);
+}
+
+int32_t sj_interpolator_load_to(sj_interpolator *ip, const sj_plan *plan, const sj_state *end,
+                                int32_t goal_free)
+{
+    const double goal = end->position, goal_velocity = end->velocity;
     continuous at = lemma(ip->q, ip->v, ip->a, ip->j);
     sj_exact start = at.P;
     double path = fabs(goal - start.hi);
@@ -168,7 +177,7 @@ int32_t sj_interpolator_load(sj_interpolator *ip, const sj_plan *plan, double go
     sj_exact missing_v, spread_q = exact_of(0.0);
     double steps;
     columns c;
-    int32_t status = levels_of(plan, at.A, &steepest, &c);
+    int32_t status = levels_of(plan, at.A, end->acceleration, &steepest, &c);
 
     if (status != SJ_LOAD_OK)
         return status;
@@ -185,6 +194,10 @@ int32_t sj_interpolator_load(sj_interpolator *ip, const sj_plan *plan, double go
     /* Lemma, point 2: the sample settles half a cycle of velocity after the plan's end. What is then
      * missing of velocity and position is spread evenly over all cycles, N + 1. */
     steps = (double)(plan->cycles + 1);
+    if (end->acceleration != 0.0) { /* as far as the sample: V += A / 2, P += A / 12 */
+        at.V = exact_add(at.V, exact_half(exact_of(end->acceleration)));
+        at.P = exact_add(at.P, exact_divide(exact_of(end->acceleration), 12.0));
+    }
     missing_v = exact_subtract(exact_of(goal_velocity), at.V);
     if (!(fabs(missing_v.hi) <= landing_tolerance * fastest))
         return SJ_LOAD_MISSES;
@@ -202,6 +215,7 @@ int32_t sj_interpolator_load(sj_interpolator *ip, const sj_plan *plan, double go
     ip->spread_q = spread_q;
     ip->goal = goal;
     ip->goal_velocity = goal_velocity;
+    ip->goal_acceleration = end->acceleration;
     ip->goal_free = goal_free;
     ip->count = plan->count;
     ip->leg = 0;
@@ -217,7 +231,8 @@ static void settle(sj_interpolator *ip)
     if (!ip->goal_free)
         ip->q = exact_of(ip->goal);
     ip->v = exact_of(ip->goal_velocity);
-    ip->a = ip->j = ip->spread_v = ip->spread_q = exact_of(0.0);
+    ip->a = exact_of(ip->goal_acceleration);
+    ip->j = ip->spread_v = ip->spread_q = exact_of(0.0);
 }
 
 static void count_cycles(sj_interpolator *ip, int64_t cycles)
@@ -235,7 +250,7 @@ static void count_cycles(sj_interpolator *ip, int64_t cycles)
 }
 
 /* The sample of the next cycle. Returns 1 until the motion has settled, then 0; a settled motion
- * goes on with its end velocity. */
+ * goes on with its end velocity and acceleration. */
 int32_t sj_interpolator_step(sj_interpolator *ip)
 {
     integrate(ip, ip->leg < ip->count ? ip->legs[ip->leg].jerk : exact_of(0.0));
@@ -339,11 +354,12 @@ int32_t sj_sample(const sj_plan *plan, const void *from, const void *to, double 
     const sj_state *start = from, *end = to;
     sj_state first = {start->position, start->velocity * T, start->acceleration * T * T};
     int64_t last = plan->cycles + 1;
+    sj_state goal = {end->position, end->velocity * T, end->acceleration * T * T};
     sj_interpolator ip;
     int32_t status;
 
     sj_interpolator_start(&ip, &first);
-    status = sj_interpolator_load(&ip, plan, end->position, end->velocity * T, 0);
+    status = sj_interpolator_load_to(&ip, plan, &goal, 0);
     if (status != SJ_LOAD_OK)
         return status;
     sj_interpolator_fill(&ip, T, 1, out);
@@ -352,7 +368,9 @@ int32_t sj_sample(const sj_plan *plan, const void *from, const void *to, double 
     out->velocity[0] = start->velocity;
     out->acceleration[0] = start->acceleration;
     out->jerk[0] = 0.0;
-    if (out->rows > last)
-        out->velocity[last] = end->velocity; /* not converted to cycle units and back */
+    if (out->rows > last) { /* not converted to cycle units and back */
+        out->velocity[last] = end->velocity;
+        out->acceleration[last] = end->acceleration;
+    }
     return SJ_LOAD_OK;
 }

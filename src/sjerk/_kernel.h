@@ -20,9 +20,9 @@ typedef struct {
 typedef struct {
     sj_exact q, v, a, j;         /* the sample of this cycle */
     sj_exact spread_v, spread_q; /* per cycle: what rounding the plan to doubles costs */
-    double goal, goal_velocity;  /* the settled end, cycle N + 1 */
-    int64_t left;                /* cycles left of the present leg */
-    int64_t cycles_left;         /* until settled; 0 = settled */
+    double goal, goal_velocity, goal_acceleration; /* the settled end, cycle N + 1 */
+    int64_t left;                                  /* cycles left of the present leg */
+    int64_t cycles_left;                           /* until settled; 0 = settled */
     int32_t leg, count;
     int32_t goal_free; /* 1: a change of velocity, the end position is open */
     int32_t reserved;
@@ -38,6 +38,9 @@ typedef struct {
 void sj_interpolator_start(sj_interpolator *ip, const sj_state *sample);
 int32_t sj_interpolator_load(sj_interpolator *ip, const sj_plan *plan, double goal,
                              double goal_velocity, int32_t goal_free);
+/* The same to an end with an acceleration, in which the motion then goes on. */
+int32_t sj_interpolator_load_to(sj_interpolator *ip, const sj_plan *plan, const sj_state *end,
+                                int32_t goal_free);
 int32_t sj_interpolator_step(sj_interpolator *ip);
 void sj_interpolator_fill(sj_interpolator *ip, double cycle_time_s, int64_t first_row,
                           const sj_table *out);

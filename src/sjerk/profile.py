@@ -37,8 +37,7 @@ __all__ = [
     "scurve",
 ]
 
-#: Relative slack of whole-cycle roundings: 0.1 / 0.001 is 100 cycles, not 101.
-ROUNDING_SLACK = 1e-11
+ROUNDING_SLACK = 1e-11  # relative, of whole cycles: 0.1 / 0.001 is 100 of them, not 101
 
 
 class Profile(Plan):
@@ -106,9 +105,9 @@ class Profile(Plan):
     def at(self, t: ArrayLike) -> Samples:
         """Return the planned motion at time ``t`` in closed form, Eqs. (1)-(6).
 
-        ``t`` in seconds from the start, scalar or array; before 0 and after ``duration`` the motion
-        is the one of that moment held at its velocity. From ``duration`` on it is exactly that of
-        ``end``. Fields have the shape of ``t``, in u, u/s, u/s^2 and u/s^3.
+        ``t`` in seconds from the start, scalar or array; before 0 the motion is that of 0 at its
+        velocity, from ``duration`` on exactly that of ``end``, without jerk. Fields have the shape
+        of ``t``, in u, u/s, u/s^2 and u/s^3.
 
         >>> profile = scurve(160.0, Limits(90.0, 500.0, 5000.0), 1e-3)
         >>> round(float(profile.at(profile.duration / 2).velocity), 9) <= 90.0
@@ -116,7 +115,7 @@ class Profile(Plan):
         """
         time = np.asarray(t, dtype=np.float64)
         starts, P, V, A, J = self._all_nodes()
-        clipped = np.clip(time, 0.0, starts[-1])
+        clipped = np.maximum(time, 0.0)
         i = np.clip(np.searchsorted(starts, clipped, side="right") - 1, 0, len(starts) - 1)
         dt = clipped - starts[i]
         jerk = np.where((time < 0.0) | (time >= starts[-1]), 0.0, J[i])  # Eq. (1)
@@ -159,9 +158,10 @@ class Profile(Plan):
         """
         if isinstance(cycle, bool) or not isinstance(cycle, int) or cycle < 0:
             raise InputError("cycle", cycle, "must be an int, at least 0")
-        T, v, behind = self._cycle_time, self._end.velocity, cycle - self.cycles - 1
-        if behind >= -1:
-            return State(self._end.position + behind * (T * v), v)
+        T, end, after = self._cycle_time, self._end, (cycle - self.cycles - 1) * self._cycle_time
+        v, a = end.velocity, end.acceleration
+        if cycle >= self.cycles:
+            return State(end.position + after * (v + after * a / 2.0), v + after * a, a)
         rows = Samples.empty(cycle + 1)
         self.fill(rows, cycle + 1)
         q, v, a, j = (float(getattr(rows, name)[-1]) for name in COLUMNS[1:])
@@ -170,7 +170,7 @@ class Profile(Plan):
     def fill(self, out: Samples, rows: int) -> None:
         """Fill the arrays of ``out`` with ``rows`` samples; any number of rows.
 
-        From row N + 1 on the motion goes on with the velocity of its end. Raises ``InputError``
+        From row N + 1 on the motion goes on as its end, without jerk. Raises ``InputError``
         for arrays that are not float64 of shape (rows,), contiguous and writeable.
         """
         table = out.table(rows)

@@ -6,6 +6,7 @@ import json
 import math
 import os
 import platform
+import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -475,12 +476,13 @@ def test_messages_name_the_next_step(tmp_path: Path, capsys: pytest.CaptureFixtu
 
 
 def test_a_soak_that_is_not_there_is_refused_before_anything_is_installed(tmp_path: Path) -> None:
-    """In a copy of the script alone, where an installation could only fail."""
+    """In a copy of the script and the soaks, where an installation could only fail."""
     copy = tmp_path / "run"
     copy.write_bytes((ROOT / "run").read_bytes())
+    shutil.copytree(ROOT / "tests" / "stress", tmp_path / "tests" / "stress")
     for words in (["stress"], ["stress", "kernel_host"], ["stress", "../drive"]):
         done = subprocess.run(["sh", str(copy), *words], capture_output=True, text=True)
         assert done.returncode == 1
-        assert "(handshake, kernel, stop, streams)" in done.stderr
+        assert all(soak in done.stderr for soak in ("handshake", "kernel", "stop", "streams"))
         assert done.stderr.count("\n") == 1
     assert not (tmp_path / ".venv").exists()

@@ -120,4 +120,4 @@ class Seen:
             .map(e => (e.innerText || e.value || '') + ' ' + e.scrollWidth + ' in ' + e.clientWidth)
             .filter(text => text.trim())"""
         )
-        return [str(text) for text in found]
+        return [str(text) for text in found if "ws://" not in str(text)]  # viser's settings

@@ -31,7 +31,7 @@ KINDS = ("rest", "start", "target")
 
 @dataclass
 class Requests:
-    """n requests: rows (position, velocity, acceleration), (position, velocity), limits (n, 5)."""
+    """n requests: rows (position, velocity, acceleration), limits (n, 5); most targets have two."""
 
     start: Array
     target: Array
@@ -191,12 +191,77 @@ def velocity_bound(V: Array, A: Array, limits: Array, d: Array) -> Array:
     return np.where(kept, vmax, least)
 
 
+def final(r: Requests, T: float) -> Array:
+    """The acceleration of each target, in cycles."""
+    return r.target[:, 2] * T**2 if r.target.shape[1] > 2 else np.zeros(len(r))
+
+
+def with_accelerations(rng: np.random.Generator, r: Requests, T: float) -> Requests:
+    """The same requests to targets of any velocity and acceleration, some of them not legal."""
+    v, a = r.limits[:, 0], np.minimum(r.limits[:, 1], r.limits[:, 3])
+    a1 = (
+        rng.choice([-1.0, 1.0], len(r))
+        * a
+        * rng.choice([0.0, 1.0, np.nan], len(r), p=[0.1, 0.2, 0.7])
+    )
+    a1 = np.where(np.isnan(a1), a * rng.uniform(-1, 1, len(r)), a1)
+    v1 = v * rng.uniform(-1, 1, len(r))
+    j = np.minimum(r.limits[:, 2], r.limits[:, 4])
+    edge = np.sign(a1) * np.minimum(0.0, a1 * a1 / (2 * j) - v)  # it comes from the limit
+    v1 = np.where(
+        rng.uniform(size=len(r)) < 0.2, edge * (1 - 10.0 ** rng.uniform(-9, 0, len(r))), v1
+    )
+    return Requests(r.start, np.column_stack([r.target[:, 0], v1 + a1 * T / 2, a1]), r.limits)
+
+
+def legal(r: Requests, T: float) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Targets that must be planned, and those that must be refused; few are neither, by rounding.
+
+    Time runs backwards too: what leads to (v1, a1) from zero acceleration is what brings the start
+    (-v1, a1) there (`Turning`). The direction of the move is that of the request.
+    """
+    _, _, _, v1, limits, d = in_cycles(r, T)
+    a1, v = final(r, T), limits[:, 0]
+    turning = Turning(-v1, a1, limits, d)
+    jerk = np.where(d * a1 >= 0, limits[:, 2], limits[:, 4])
+    before, inside = np.abs(v1 - a1 * np.abs(a1) / (2 * jerk)), np.abs(v1) <= v
+    return (
+        turning.keeps(v * (1 - 1e-8)) & inside & (before <= v * (1 - 1e-8)),
+        (np.abs(v1) > v * (1 + 1e-8)) | (before > v * (1 + 1e-8)) | ~turning.keeps(v * (1 + 1e-8)),
+    )
+
+
+def arrivals(r: Requests, T: float) -> tuple[NDArray[Any], NDArray[np.int32]]:
+    """Plans to targets with an acceleration, and how each request was answered."""
+    made, plans, (limits, _keep), rows = _rows(r, T)
+    answers = np.zeros(len(r), dtype=np.int32)
+    for i, (row, a1) in enumerate(zip(rows, final(r, T).tolist(), strict=True)):
+        answers[i] = lib.sj_plan_arrival(*row, a1, limits + i, plans + i)
+    return made, answers
+
+
+def arrivals_together(r: Requests, T: float, axes: int, more: int) -> NDArray[Any]:
+    """Several axes each to such targets in one length, `more` cycles or longer."""
+    made, plans, (limits, _keep), rows = _rows(r, T)
+    a1, mode = final(r, T).tolist(), ffi.new("int32_t *")
+    for i in range(0, len(rows) // axes * axes, axes):
+        mode[0] = lib.SJ_SYNC_TIME
+        own = slice(i, i + axes)
+        status = lib.sj_plan_arrivals(axes, rows[own], a1[own], limits + i, more, mode, plans + i)
+        assert status == lib.SJ_PLAN_OK, (i, status, rows[own], a1[own], r.limits[own])
+        (cycles,) = set(made["cycles"][own].tolist())
+        assert cycles >= more
+    return made
+
+
 def in_cycles(r: Requests, T: float) -> tuple[Array, Array, Array, Array, Array, Array]:
     """h, V0, A0, v1 of the continuous motion, limits per cycle, direction of the move."""
     q, v, a = r.start[:, 0], r.start[:, 1] * T, r.start[:, 2] * T**2
     v1 = r.target[:, 1] * T
     P0, V0, A0 = q + v / 2 - a / 12, v + a / 2, a
-    h = (r.target[:, 0] - q) - v1 / 2 - (P0 - q)
+    a1 = final(r, T)
+    h = (r.target[:, 0] - q) - v1 / 2 - a1 / 12 - (P0 - q)
+    v1 = v1 - a1 / 2
     limits = r.limits * np.array([T, T**2, T**3, T**2, T**3])
     way = np.where(h != 0, h, np.where(v1 != 0, v1, np.where(V0 != 0, V0, A0)))
     return h, V0, A0, v1, limits, np.where(way < 0, -1.0, 1.0)
@@ -284,7 +349,7 @@ def judge(r: Requests, made: NDArray[Any], T: float, *, change: bool = False) ->
         V, A = V1, A1
     assert np.array_equal(total, made["cycles"])
     worst["velocity"] = np.abs(V - v1) / vmax
-    worst["acceleration"] = np.abs(A) / np.minimum(acc, dec)
+    worst["acceleration"] = np.abs(A - final(r, T)) / np.minimum(acc, dec)
     if not change:
         worst["position"] = np.abs(P - h) / np.maximum(path, 1e-300)
     return worst
@@ -361,13 +426,16 @@ def lands(r: Requests, made: NDArray[Any], T: float) -> Array:
     ip, state = ffi.new("sj_interpolator *"), ffi.new("sj_state *")
     plans = ffi.cast("sj_plan *", ffi.from_buffer(made))
     spread = np.zeros(len(r))
-    start, load = lib.sj_interpolator_start, lib.sj_interpolator_load
-    for i, ((q, v, a), (q1, v1)) in enumerate(
+    goal = ffi.new("sj_state *")
+    start, load = lib.sj_interpolator_start, lib.sj_interpolator_load_to
+    for i, ((q, v, a), (q1, v1, *more)) in enumerate(
         zip(r.start.tolist(), r.target.tolist(), strict=True)
     ):
+        goal.position, goal.velocity = q1, v1 * T
+        goal.acceleration = more[0] * T * T if more else 0.0
         state.position, state.velocity, state.acceleration = q, v * T, a * T * T
         start(ip, state)
-        status = load(ip, plans + i, q1, v1 * T, 0)
+        status = load(ip, plans + i, goal, 0)
         assert status == lib.SJ_LOAD_OK, (i, status, r.start[i], r.target[i], r.limits[i])
         spread[i] = ip.spread_q.hi * ip.cycles_left
     return spread

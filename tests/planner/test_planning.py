@@ -414,6 +414,44 @@ def test_random_states_in_every_unit(
 
 
 @SYMMETRY
+@pytest.mark.parametrize("unit", list(check.UNITS))
+def test_random_states_with_an_acceleration_at_the_target(
+    unit: str,
+    asymmetric: bool,
+    pytestconfig: pytest.Config,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Every legal target is met within all limits, alone and together; the others are refused."""
+    total, done = max(2000, long_runs(pytestconfig) // 8), 0
+    rng = np.random.default_rng(abs(hash_of(unit, "arrival", asymmetric)))
+    worst: dict[str, float] = {}
+    while done < total:
+        n = min(20_000, total - done)
+        kind = str(rng.choice(check.KINDS))
+        r, cycle_time = drawn(rng, n, unit, kind, asymmetric=asymmetric)
+        r = check.with_accelerations(rng, r, cycle_time)
+        made, answers = check.arrivals(r, cycle_time)
+        must, never = check.legal(r, cycle_time)
+        assert not (must & never).any()
+        assert np.mean(must) > 0.5
+        assert (answers[must] == 0).all(), r.only(np.flatnonzero(must & (answers != 0))[:1])
+        assert (answers[never] == 1).all(), r.only(np.flatnonzero(never & (answers != 1))[:1])
+        met = answers == 0
+        worst_of(worst, check.judge(r.only(met), made[met], cycle_time), r.only(met))
+        check.lands(r.only(met), made[met], cycle_time)
+        some = r.only(np.flatnonzero(met)[: min(met.sum(), n // 4) // 4 * 4])
+        longer = int(rng.integers(0, 3000))
+        both = check.arrivals_together(some, cycle_time, 4, longer)
+        worst_of(worst, check.judge(some, both, cycle_time), some)
+        done += n
+        if total > 10_000:
+            told(capsys, f"\r{unit} arrivals {(asymmetric and 'uneven') or 'even'}: {done}")
+    if total > 10_000:
+        figures = ", ".join(f"{name} {value:.12g}" for name, value in worst.items())
+        told(capsys, f" plans, 0 failures; worst {figures}\n")
+
+
+@SYMMETRY
 @pytest.mark.parametrize("what", ["velocity", "velocities", "length", "together"])
 @pytest.mark.parametrize("unit", ["radians", check.COARSE])
 def test_random_states_in_every_way(
@@ -689,7 +727,7 @@ def test_position_range_refuses_targets_and_reports_ways() -> None:
 @pytest.mark.parametrize(
     ("field", "call"),
     [
-        ("acceleration", lambda: plan(0.0, State(1.0, 0.0, 1.0), ROBOT, T)),
+        ("acceleration", lambda: plan(0.0, State(1.0, 0.0, 501.0), ROBOT, T)),
         ("velocity", lambda: plan(0.0, State(1.0, 91.0), ROBOT, T)),
         ("target", lambda: plan(0.0, math.nan, ROBOT, T)),
         ("start", lambda: plan("0", 1.0, ROBOT, T)),  # type: ignore[call-overload]

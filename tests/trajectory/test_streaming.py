@@ -272,6 +272,28 @@ def test_starving_stops_on_what_is_known(within: bool) -> None:
     np.testing.assert_array_equal(positions(blocks)[-1], goals[-1])
 
 
+@settings(max_examples=20)
+@given(st.integers(5, 25), st.floats(0.05, 0.9), st.booleans())
+def test_a_rest_beyond_goals_that_are_ahead_is_no_way_back(
+    k: int, share: float, within: bool
+) -> None:
+    """At rest between goals that count as ahead, by a plan that was played on: on from there."""
+    goals = 0.04 * np.arange(31)[:, None] * [1.0, -0.5]
+    stream = GoalStream([ROBOT] * 2, T, goals[0], period=0.05, delay=12, stop_within=within)
+    blocks = []
+    for i in range(1, 31):
+        stream.push(goals[i])
+        if i == k:
+            at = (goals[k - 1] + share * (goals[k] - goals[k - 1])).tolist()
+            stream.rested(at, stream.cycle + 100)
+            blocks.clear()
+        blocks += stream.take(50 * i)
+    rows = positions([*blocks, *ended(stream)]) * [1.0, -1.0]
+    assert (np.diff(rows, axis=0) >= -1e-12).all()
+    np.testing.assert_array_equal(rows[-1], goals[-1] * [1.0, -1.0])
+    assert stream.report.passed == stream.report.goals == 30
+
+
 def test_a_stream_that_comes_back_is_timed_anew() -> None:
     """A goal without a time that comes at rest is due the delay after it came."""
     stream = GoalStream([ROBOT], T, [0.0], period=0.1, delay=6, smoothing=1e-4)

@@ -3,7 +3,8 @@
 A kernel with one Sigma-7 drive of 24 bits. First the host moves it to the end of the path in one
 move, then it streams every recorded point at its time: each interrupting the motion before, as the
 paper's control node does; with look-ahead that can always stop on the last one; and with look-ahead
-that trusts the stream. Recorded is what was commanded and what the encoder said.
+that trusts the stream. Recorded is what was commanded and what the encoder said. Beside them: the
+streams where no cycle is left out, and the fastest motion through the points.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sjerk._binding import lib
-from sjerk.cli import cable, feed_forward
+from sjerk.cli import cable, feed_forward, virtual
 from sjerk.errors import ExtraMissingError, InputError, SjerkError
 from sjerk.executor import StreamPlayer
 from sjerk.extras import load
@@ -71,9 +72,19 @@ class Run:
     actual_velocity: FloatArray
     actual_counts: NDArray[np.int64]
     missed: int
+    skipped: int
 
     @classmethod
-    def of(cls, label: str, recording: Recording, after: int, missed: int, *, told: bool) -> Run:
+    def of(
+        cls,
+        label: str,
+        recording: Recording,
+        after: int,
+        *,
+        missed: int,
+        skipped: int,
+        told: bool,
+    ) -> Run:
         """The cycles of a recording after one of them.
 
         ``told``: the actual velocity is the drive's own, 606Ch. Where frames travel, an answer that
@@ -97,6 +108,7 @@ class Run:
             moving=(flags & lib.SJ_TRACE_MOVING) != 0,
             actual_counts=recording.column("actual_counts")[rows, 0],
             missed=missed,
+            skipped=skipped,
             **numbers,
         )
 
@@ -137,8 +149,14 @@ def play(host: Host, label: str, goals: Iterator[float], end: float) -> Run:
                 print(line, end="", file=sys.stderr)
             time.sleep(200e-6)
         print(file=sys.stderr)
-    told = before.bus is not None
-    return Run.of(label, recorder.recording, before.cycle, recorder.missed, told=told)
+    return Run.of(
+        label,
+        recorder.recording,
+        before.cycle,
+        missed=recorder.missed,
+        skipped=host.feedback().timing.late - before.timing.late,
+        told=before.bus is not None,
+    )
 
 
 def dips(velocity: FloatArray) -> int:
@@ -278,11 +296,14 @@ def run(
             at = host.feedback().axes[0]
             print(f"stopped at {at.position:.6f} deg, velocity {at.velocity:g} deg/s")
             return 130
+    beside = virtual.motions(recording, LIMITS, cycle_time, delay=DELAY, margin=2.0 * AHEAD_S)
     print(table(recording, runs, timing, cycle_time))
+    print()
+    print(virtual.table(recording, beside, LIMITS, cycle_time, dips))
     if interface is None:  # what it compares are drives inside
         print()
         print(feed_forward.table(kernel.axes[0], start, end, cycle_time))
-    return draw(out, recording, runs, cycle_time)
+    return draw(out, recording, runs, beside[-1], cycle_time)
 
 
 def _attempt(
@@ -370,6 +391,8 @@ def table(recording: RecordedPath, runs: Sequence[Run], timing: Timing, cycle_ti
             [f"{int(run.moving.sum())} in motion" for run in runs],
         ),
         ("not recorded", [f"{run.missed} cycles" for run in runs]),
+        # a stream makes them up as fast as the limits allow: at all of its jerk
+        ("left out by the clock", [f"{run.skipped} cycles" for run in runs]),
         (
             f"final error {AFTER_S:g} s later",
             [f"{run.error(goal)} increments" for run in runs],
@@ -419,8 +442,14 @@ def _us(row: Distribution) -> str:
     return "".join(f"{1e6 * x:10.1f}" for x in (row.median, row.p99, row.p999, row.worst))
 
 
-def draw(out: Path, recording: RecordedPath, runs: Sequence[Run], cycle_time: float) -> int:
-    """Write the picture, or say what is missing for it."""
+def draw(
+    out: Path,
+    recording: RecordedPath,
+    runs: Sequence[Run],
+    bound: virtual.Motion,
+    cycle_time: float,
+) -> int:
+    """Write the picture of the streams and the bound, or say what is missing for it."""
     try:
         pictures = load("sjerk.cli.pictures", extra="demo")
     except ExtraMissingError:
@@ -434,7 +463,11 @@ def draw(out: Path, recording: RecordedPath, runs: Sequence[Run], cycle_time: fl
         "acceleration / (deg/s^2)": [],
         "jerk / (deg/s^3)": [],
     }
-    for run, colour in zip(runs, ("C0", "C1", "C2", "C3"), strict=True):
+    t = np.arange(len(bound.position)) * cycle_time
+    for name, curves in panel.items():
+        y = getattr(bound, name.split()[0])
+        curves.append(pictures.Curve(f"{bound.label}, computed", t, y, "C7-"))
+    for run, colour in zip(runs[1:], ("C1", "C2", "C3"), strict=True):
         t = (run.cycle - run.cycle[0]) * cycle_time
         for name in panel:
             field = name.split()[0]
@@ -450,7 +483,7 @@ def draw(out: Path, recording: RecordedPath, runs: Sequence[Run], cycle_time: fl
         "acceleration / (deg/s^2)": LIMITS.acceleration,
         "jerk / (deg/s^3)": LIMITS.jerk,
     }
-    title = f"one move, and every point streamed in three ways; cycle {cycle_time * 1e6:g} us"
+    title = f"every point streamed in three ways, and the bound; cycle {cycle_time * 1e6:g} us"
     pictures.panels(out, title, panel, limits)
     print(f"picture: {out}")
     return 0

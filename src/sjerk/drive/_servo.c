@@ -12,7 +12,8 @@
  * Never here: states, words, limits of the profile, clocks, memory.
  */
 #include <stdint.h>          /* fixed widths */
-#include <math.h>            /* exp, ceil, floor while preparing; nothing in the inner step */
+#include <math.h>            /* ceil, floor while preparing; nothing in the inner step */
+#include "base/_math.h"      /* exp(x) - 1 */
 #include "drive/_internal.h" /* what the files of the drive share */
 
 void sj_servo_prepare(sj_servo_constants *c, const sj_drive_config *config)
@@ -32,8 +33,8 @@ void sj_servo_prepare(sj_servo_constants *c, const sj_drive_config *config)
     c->velocity_feedforward = config->velocity_feedforward;
     c->velocity_gain = gain;
     c->integral_gain = gain * c->step_s / config->velocity_integral_s;
-    c->torque_gain = -expm1(-c->step_s / config->torque_time_s);
-    c->filter_gain = -expm1(-c->step_s / config->velocity_filter_s);
+    c->torque_gain = -exp_minus_1(-c->step_s / config->torque_time_s);
+    c->filter_gain = -exp_minus_1(-c->step_s / config->velocity_filter_s);
     c->friction_nm = config->friction_nm;
     c->friction_speed_rad_s = config->friction_speed_rad_s;
     c->viscous_nm_s = config->viscous_nm_s;

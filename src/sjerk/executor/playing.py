@@ -169,7 +169,8 @@ class StreamPlayer:
                 if behind > 0:
                     self._stream.skipped(behind)
                     self._told += behind
-            if self._path is not None and self._path.state is PathState.REFUSED and self._replaced:
+            refused = self._path is not None and self._path.state is PathState.REFUSED
+            if refused and self._replaced is not None and not self._lost:
                 self._lose()
             if self._lost:
                 if any(frame.axes[i].moving for i in self._axes):
@@ -192,11 +193,14 @@ class StreamPlayer:
 
     def _played(self) -> int:
         """The stream's cycle of the present command."""
-        assert self._path is not None
-        progress = self._path.progress
-        if progress.point == 0:
+        # until the kernel has answered, and where it refuses, the path before is played
+        paths = (self._path, self._replaced, self._path)
+        told = (path.progress for path in paths if path is not None)
+        progress = next((one for one in told if one.point > 0), None)
+        if progress is None:
             return self._begin
-        before = self._ends[progress.point - 2] if progress.point > 1 else 0
+        point = min(progress.point, len(self._ends))
+        before = self._ends[point - 2] if point > 1 else 0
         return self._begin + before + round(progress.time / self._T)
 
     def _from_rest(self, now: int) -> None:

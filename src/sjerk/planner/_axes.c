@@ -10,11 +10,17 @@
 #include "base/_limits.h"     /* one profile for all axes */
 #include "base/_continuous.h" /* from samples to the continuous motion, exactly */
 
-/* From sample to sample, no jerk before the start; SI units of time, limits per cycle. The lemma in
- * plain doubles: what that rounds is far below what the interpolator takes out exactly. */
+/* From sample to sample, no jerk before the start and behind the end; SI units of time, limits per cycle.
+ * The lemma in plain doubles: what that rounds is far below what the interpolator takes out exactly. */
 static sj_request request_between(double T, const sj_state *from, const sj_state *to)
 {
     double v = from->velocity * T, a = from->acceleration * T * T, v1 = to->velocity * T;
+    if (to->acceleration != 0.0) {
+        /* the plan's end lies half a cycle before the sample */
+        double a1 = to->acceleration * T * T;
+        return (sj_request){(to->position - from->position) - 0.5 * (v1 + v) + (a - a1) / 12.0,
+                            v + 0.5 * a, a, v1 - 0.5 * a1};
+    }
     return (sj_request){(to->position - from->position) - 0.5 * (v1 + v) + a / 12.0, v + 0.5 * a, a,
                         v1};
 }
@@ -90,17 +96,21 @@ int32_t sj_plan_samples(int32_t n, double cycle_time_s, const void *states, cons
     const sj_limits *limit = limits, *one = unit;
     sj_request request[SJ_AXES];
     sj_limits per_cycle[SJ_AXES];
+    double a1[SJ_AXES];
+    int32_t accelerated = 0;
     if (n < 1 || n > SJ_AXES)
         return SJ_PLAN_INVALID;
     for (int32_t i = 0; i < n; i++) {
-        if (end[i].acceleration != 0.0)
-            return SJ_PLAN_INVALID;
+        a1[i] = end[i].acceleration * cycle_time_s * cycle_time_s;
+        accelerated |= a1[i] != 0.0;
         request[i] = request_between(cycle_time_s, &start[i], &end[i]);
         per_cycle[i] = (sj_limits){
             limit[i].velocity * one->velocity, limit[i].acceleration * one->acceleration,
             limit[i].jerk * one->jerk, limit[i].deceleration * one->deceleration,
             limit[i].deceleration_jerk * one->deceleration_jerk};
     }
+    if (accelerated)
+        return sj_plan_arrivals(n, request, a1, per_cycle, least_cycles, synchronization, plans);
     return sj_plan_axes(n, request, per_cycle, least_cycles, synchronization, plans);
 }
 
@@ -111,7 +121,8 @@ int32_t sj_plan_sample(double cycle_time_s, const void *from, const void *to, co
     const sj_state *end = to;
     sj_request r = request_between(cycle_time_s, from, end);
     if (end->acceleration != 0.0)
-        return SJ_PLAN_INVALID;
+        return sj_plan_arrival(r.distance, r.v0, r.a0, r.v1,
+                               end->acceleration * cycle_time_s * cycle_time_s, limits, plan);
     return sj_plan_move(r.distance, r.v0, r.a0, r.v1, limits, plan);
 }
 

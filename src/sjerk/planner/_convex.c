@@ -55,7 +55,7 @@ static void combine(const task *t, double n, const path *x, double px, const pat
             k = least(k, y->k[iy]);
         double ax = path_at(x, &gx, k), ay = path_at(y, &gy, k);
         if (z->count < NODES)
-            sj_node(z, k, k <= 0 ? t->a0 : k >= n ? 0 : ax + lambda * (ay - ax));
+            sj_node(z, k, k <= 0 ? t->a0 : k >= n ? x->a[x->count - 1] : ax + lambda * (ay - ax));
         while (ix < x->count && x->k[ix] <= k)
             ix++;
         while (iy < y->count && y->k[iy] <= k)

@@ -10,6 +10,7 @@
    look again, SYNC_ROUNDS times at most.
 
    Never here: the shortest plan (_plan.c), memory, clocks, statics, cycle time. */
+#include "base/_math.h" /* cube root */
 #include "planner/_internal.h"
 
 /* ---- one axis ---- */
@@ -188,7 +189,7 @@ int32_t sj_plan_duration(double h, double v0, double a0, double v1, const sj_lim
 /* ---- several axes ---- */
 
 /* Where axes keep blocking each other: from its stop on an axis can take any duration. */
-static int64_t stop_duration(int32_t n, const sj_request *r, const sj_limits *l, int64_t cycles)
+int64_t sj_stop_duration(int32_t n, const sj_request *r, const sj_limits *l, int64_t cycles)
 {
     for (int32_t i = 0; i < n; i++) {
         task t = sj_task_of(r[i].distance, r[i].v0, r[i].a0, r[i].v1, &l[i]);
@@ -220,7 +221,7 @@ static double sufficient_time(const task *t)
         return before + h / t->vmax + top;
     if (2 * q * q * a <= h)
         return before + q + sqrt(q * q + 4 * h / a);
-    return before + 4 * cbrt(h / (2 * j));
+    return before + 4 * cube_root(h / (2 * j));
 }
 
 /* Exactly `cycles` from a start within its limits, in seven phases: what nearly every axis needs that
@@ -299,7 +300,7 @@ int32_t sj_plan_together(int32_t n, const sj_request *r, const sj_limits *l, int
     for (int round = 0; round < SYNC_ROUNDS; round++) {
         int blocked = 0;
         if (round == SYNC_ROUNDS - 2)
-            cycles = stop_duration(n, r, l, cycles);
+            cycles = sj_stop_duration(n, r, l, cycles);
         for (int32_t i = 0; i < n && !blocked; i++) {
             if (p[i].cycles == cycles)
                 continue;

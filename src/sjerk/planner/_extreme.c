@@ -135,6 +135,13 @@ static double rise_duration(double a0, double top, double j, double dv, double l
     return fabs(f) <= 1e3 * tiny ? s : NAN;
 }
 
+/* Cycles from (v, a0) until the velocity has changed by dv, without acceleration then; NaN if there are
+   none. */
+double sj_rise_cycles(double a0, double top, double j, double dv)
+{
+    return rise_duration(a0, top, j, dv, fabs(a0) / j);
+}
+
 /* The largest velocity that n cycles may see: what rounding is relative to. */
 double sj_velocity_scale(const task *t, double j, double n)
 {

@@ -115,6 +115,7 @@ int sj_ramp_in(const task *t, double dv, double j, double m, path *x);
 
 /* _recovery.c */
 int sj_lands(const task *t);
+int sj_keeps(const task *t);
 int sj_recover_acceleration(task *t, sj_plan *p);
 void sj_cross_gently(task *t, sj_plan *p);
 int sj_cross_hard(task *t, sj_plan *p);
@@ -164,6 +165,7 @@ typedef struct {
 /* _extreme.c */
 double sj_velocity_scale(const task *t, double j, double n);
 double sj_rise_change(double a0, double top, double j, double s, double *slope);
+double sj_rise_cycles(double a0, double top, double j, double dv);
 int sj_furthest(const task *t, double j, double n, summit *m, path *x);
 
 /* _sides.c */
@@ -173,6 +175,9 @@ int sj_side_paths(const task *t, double n, path *x, path *y);
 int sj_convex(const task *t, double n, double *nearest, summit *m, sj_plan *p);
 int sj_convex_of(const task *t, double n, const path *x, const path *y, sj_plan *p);
 int sj_convex_from(const task *t, double *n, double longest, summit *m, sj_plan *p);
+
+/* _fewest.c */
+int sj_fewest(const task *t, double a1, double n, double longest, sj_plan *p);
 
 /* _settling.c */
 int sj_add_ramp(const task *t, double from, double v, path *x);
@@ -187,3 +192,6 @@ int sj_move_direct(const task *start, sj_plan *p);
 /* _fallback.c */
 int sj_by_stopping(const task *start, double duration, sj_plan *p);
 int sj_fallback(const task *start, sj_plan *p);
+
+/* _duration.c */
+int64_t sj_stop_duration(int32_t n, const sj_request *r, const sj_limits *l, int64_t cycles);

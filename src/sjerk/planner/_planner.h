@@ -26,9 +26,16 @@ enum sj_plan_kind {
     SJ_PLAN_RECOVERY = 8 /* added: the start was outside its limits */
 };
 
+typedef struct {
+    double distance, v0, a0, v1; /* continuous, per cycle */
+} sj_request;
+
 /* From the continuous state (0, v0, a0) to (h, v1, 0), as soon as possible. */
 int32_t sj_plan_move(double h, double v0, double a0, double v1, const sj_limits *limits,
                      sj_plan *plan);
+/* As sj_plan_move, to (h, v1, a1). */
+int32_t sj_plan_arrival(double h, double v0, double a0, double v1, double a1,
+                        const sj_limits *limits, sj_plan *plan);
 /* As sj_plan_move, but with a cruise at the velocity limit exactly. */
 int32_t sj_plan_exact_cruise(double h, double v0, double a0, double v1, const sj_limits *limits,
                              sj_plan *plan);
@@ -36,13 +43,13 @@ int32_t sj_plan_exact_cruise(double h, double v0, double a0, double v1, const sj
 int32_t sj_plan_velocity(double v0, double a0, double v1, const sj_limits *limits, sj_plan *plan);
 /* Whether whole cycles can keep the velocity limit from (v, a), its acceleration "up". */
 int32_t sj_plan_keeps(double v, double a, const sj_limits *limits);
+/* n axes to (distance, v1, a1), each as soon as it can, or in the same cycles, at least `cycles`. */
+int32_t sj_plan_arrivals(int32_t n, const sj_request *requests, const double *a1,
+                         const sj_limits *limits, int64_t cycles, int32_t *synchronization,
+                         sj_plan *plans);
 /* As sj_plan_move, in exactly this many cycles. */
 int32_t sj_plan_duration(double h, double v0, double a0, double v1, const sj_limits *limits,
                          int64_t cycles, sj_plan *plan);
-
-typedef struct {
-    double distance, v0, a0, v1; /* continuous, per cycle */
-} sj_request;
 
 /* n axes, SJ_AXES at most, in the same and fewest cycles, at least `cycles`. */
 int32_t sj_plan_together(int32_t n, const sj_request *requests, const sj_limits *limits,

@@ -119,7 +119,8 @@ int sj_cross_hard(task *t, sj_plan *p)
     return sj_lands(t);
 }
 
-static int keeps(const task *t) { return can_cross(t, brink_of(t), t->vmax * (1 + SLACK / 2)); }
+/* Whether whole cycles can keep the velocity limit until the acceleration is zero. */
+int sj_keeps(const task *t) { return can_cross(t, brink_of(t), t->vmax * (1 + SLACK / 2)); }
 
 int32_t sj_plan_keeps(double v, double a, const sj_limits *l)
 {
@@ -128,7 +129,7 @@ int32_t sj_plan_keeps(double v, double a, const sj_limits *l)
               0.0,     l->velocity,     l->acceleration,
               l->jerk, l->deceleration, l->deceleration_jerk,
               1.0,     up * a};
-    return keeps(&t);
+    return sj_keeps(&t);
 }
 
 /* Above its acceleration limit: full jerk down to it. The last cycle ends at the limit, unless that
@@ -147,7 +148,7 @@ static void ease_to_acceleration(task *t, sj_plan *p)
     if (left > SLACK * amax)
         sj_put(&q, 1, -d * left);
     u = sj_resume(t, &q);
-    if (!keeps(&u)) {
+    if (!sj_keeps(&u)) {
         sj_begin(&q);
         sj_put(&q, least(up(above / j), brink_of(t).n), -d * j);
         u = sj_resume(t, &q);
@@ -167,8 +168,8 @@ int sj_recover_acceleration(task *t, sj_plan *p)
         return 1;
     ease_to_acceleration(t, p);
     double amax = (t->a0 > 0 ? t->au : t->ad) * (1 + SLACK);
-    if (!keeps(t)) {
-        if (!sj_cross_hard(t, p) && !keeps(t))
+    if (!sj_keeps(t)) {
+        if (!sj_cross_hard(t, p) && !sj_keeps(t))
             sj_end_acceleration(t, p);
     } else if (fabs(t->a0) > amax || fabs(t->v0) > t->vmax * (1 + SLACK)) {
         sj_cross_gently(t, p);

@@ -12,6 +12,7 @@
    Work is bounded: NEWTON_STEPS per root, DURATION_STEPS cycles taken away.
 
    Never here: a choice between methods. */
+#include "base/_math.h" /* cube root */
 #include "planner/_internal.h"
 
 /* ---- in continuous time ---- */
@@ -64,7 +65,7 @@ static double family_peak(const task *t, const family *f, double at_low, int far
     }
     if (t->ad != t->au)
         ah = 2 * t->au * t->ad / (t->au + t->ad);
-    double v = cbrt(x * x * jh / 4);
+    double v = cube_root(x * x * jh / 4);
     if (v * jh > ah * ah) {
         double q = ah / jh;
         v = 0.5 * (sqrt(ah * (ah * q * q + 4 * x)) - ah * q);

@@ -70,7 +70,7 @@ def check_targets(targets: Sequence[State], limits: Sequence[Any]) -> None:
     for i, (target, limit) in enumerate(zip(targets, limits, strict=True)):
         if not isinstance(limit, Limits):
             raise InputError(f"limits[{i}]", limit, "must be a Limits")
-        check_target(f"target[{i}]", target, limit)
+        check_target(f"target[{i}]", target, limit, accelerated=True)
 
 
 def code_of(synchronization: str) -> int:
@@ -109,15 +109,16 @@ def cycles_of(min_duration: float, cycle_time: float) -> int:
     return math.ceil(cycles * (1.0 - 1e-11))
 
 
-def check_target(name: str, target: State, limits: Limits) -> None:
+def check_target(name: str, target: State, limits: Limits, *, accelerated: bool = False) -> None:
     """Refuse a target that no plan may end in, as ``InputError`` with the field and its limit.
 
-    Its acceleration must be 0, its velocity lie within the limits, its position within their range.
+    Its acceleration must be 0, or within the limits where it may be ``accelerated``, its velocity
+    lie within the limits, its position within their range.
     """
-    if target.acceleration != 0.0:
-        raise InputError(
-            f"{name}.acceleration", target.acceleration, "must be 0: not supported yet"
-        )
+    most = max(limits.acceleration, limits.braking[0]) if accelerated else 0.0
+    if abs(target.acceleration) > most:
+        must = f"must lie within +-{most!r}" if accelerated else "must be 0"
+        raise InputError(f"{name}.acceleration", target.acceleration, must)
     if abs(target.velocity) > limits.velocity:
         raise InputError(
             f"{name}.velocity", target.velocity, f"must lie within +-{limits.velocity!r}"
@@ -205,7 +206,13 @@ def fail(status: int, field: str, value: Any, limits: Any) -> NoReturn:
         raise InputError(field, value, f"takes more than {CYCLES_MAX} cycles under {limits}")
     if status == lib.SJ_PLAN_INVALID:
         if isinstance(value, State):
-            check_target(field, value, limits)
+            check_target(field, value, limits, accelerated=True)
+            if value.acceleration != 0.0:
+                why = (
+                    "must be within the limits of its direction, and so must the velocity that its "
+                    f"acceleration comes from: v - a |a| / 2J within +-{limits.velocity!r}"
+                )
+                raise InputError(field, value, why)
         raise InputError(field, value, f"cannot be planned under {limits}")
     if status == lib.SJ_PLAN_NO_CRUISE:
         why = f"{limits} leaves no cycle of it to {field} {value}, alone or in phase"

@@ -219,11 +219,12 @@ def plan(
     """Plan the fastest motion in whole cycles from any state to any target.
 
     ``start`` and ``target``: a ``State`` or a position (one axis), or sequences of them (N axes,
-    1 to 64); states of the samples, with no jerk before the start. ``limits``: one for all axes or
-    one each. ``cycle_time`` in seconds. The target's velocity is free within the limits, its
-    acceleration must be 0. A start outside the limits is brought back inside as fast as the jerk
-    allows. ``synchronization``: with ``"time"`` all axes arrive in the same cycle, with ``"phase"``
-    on a straight line (from rest to rest; else as ``"time"``), with ``"none"`` each for itself.
+    1 to 64); states of the samples, with no jerk before the start and behind the end. ``limits``:
+    one for all axes or one each. ``cycle_time`` in seconds. The target's velocity and acceleration
+    are free within the limits; within them must be the velocity that an acceleration comes from,
+    too. A start outside the limits is brought back inside as fast as the jerk allows.
+    ``synchronization``: with ``"time"`` all axes arrive in the same cycle, with ``"phase"`` on a
+    straight line (from rest to rest; else as ``"time"``), with ``"none"`` each for itself.
     The motion takes ``min_duration`` seconds or more.
 
     ``cruise``: a ``"fast"`` motion cruises a little below ``limits.velocity``, by less than what a
@@ -272,7 +273,7 @@ def plan(
 def _one(start: State, target: State, limits: Limits, T: float) -> Profile:
     """The fast path: one axis, states built beforehand, no options."""
     if limits.position is not None:
-        check_target("target", target, limits)
+        check_target("target", target, limits, accelerated=True)
     made = _new(_PLAN)
     status = lib.sj_plan_sample(T, start.memory, target.memory, limits.per_cycle(T), made)
     if status:
@@ -334,6 +335,10 @@ def _axes(
     rows = b"".join([limit.per_cycle(T) for limit in limits])
     status = lib.sj_plan_samples(n, T, states, rows, _PER_CYCLE, least, mode, plans)
     if status:
+        for i, (start, target, limit) in enumerate(zip(starts, targets, limits, strict=True)):
+            one = lib.sj_plan_sample(T, start.memory, target.memory, limit.per_cycle(T), plans)
+            if one:  # an axis that cannot be planned alone
+                fail(one, f"target[{i}]", target, limit)
         fail(status, "target", targets, limits)
     ranges = [limit.position for limit in limits]
     if single:

@@ -105,9 +105,10 @@ class Updater:
             self._rows = [_sampled(one, row) for one in self._motion]
         columns = (np.array([getattr(x, name)[row] for x in self._rows]) for name in COLUMNS[1:])
         position, velocity, acceleration, jerk = columns
-        over = self._row - row
-        if over:
-            position = np.array([one.state(self._row).position for one in self._motion])
+        if self._row > row:
+            ends = [one.state(self._row) for one in self._motion]
+            position = np.array([end.position for end in ends])
+            velocity = np.array([end.velocity for end in ends])
         return Step(position, velocity, acceleration, jerk, self._row > self._motion.cycles)
 
 

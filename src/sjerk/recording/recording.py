@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, Self
 
@@ -64,7 +64,7 @@ class Recording:
     ) -> None:
         """Not for callers: ``open``, ``simulate``. Raises ConfigError, which names the file."""
         self.description = description
-        self._source = chunks
+        self._source, self._file = chunks, file
         kernel = described(file or "description", description)
         #: What errors call it: its file, or the kernel where there is none.
         self.source = str(file or kernel.name)
@@ -83,6 +83,12 @@ class Recording:
             description = _in_present_words(json.loads(file.description))
             found = cls(description, lambda: _chunks(path, file, len(found.axes)), path)
         return found
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickled with its cycles; one in a file by its path, to be opened there."""
+        if self._file is not None:
+            return type(self).open, (self._file,)
+        return type(self), (self.description, partial(iter, tuple(self.chunks())))
 
     def __len__(self) -> int:
         return len(self.cycle)

@@ -15,6 +15,7 @@
 #include "planner/_planner.h"
 #include "trajectory/_pace.h"
 #include "base/_double_double.h" /* double-double sums */
+#include "base/_math.h"          /* whole powers */
 #include "base/_continuous.h"    /* from samples to the continuous motion and back */
 
 enum {
@@ -167,7 +168,7 @@ static int32_t plan_change(sj_pace *pace, double to, const sj_limits *limits, do
 
 static sj_limits rung_of(const sj_player *player, int32_t rung)
 {
-    double factor = HARDEST * pow(SOFTER, rung);
+    double factor = HARDEST * whole_power(SOFTER, rung);
     double a = fmin(0.5, factor * player->hardest_a), j = fmin(0.5, factor * player->hardest_j);
     return (sj_limits){1.0, a, j, a, j};
 }

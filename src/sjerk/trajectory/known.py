@@ -97,6 +97,20 @@ class Known:
         """Those ahead are due after ``cycle``; of those passed keep some, for differences."""
         self.first = int(np.searchsorted(self.cycle, cycle, side="right"))
 
+    def nearest(self, position: FloatArray, scale: FloatArray) -> int:
+        """How many goals ahead lie before ``position`` (N,) on the way through them.
+
+        By the first of the lines between goals that is nearest, in units of ``scale`` (N,).
+        """
+        way = (self.position[self.first - 1 :] - position) / scale
+        begin, step = way[:-1], np.diff(way, axis=0)
+        if len(step) == 0:
+            return 0
+        length = np.maximum((step * step).sum(axis=1), 1e-300)
+        share = np.clip(-(begin * step).sum(axis=1) / length, 0.0, 1.0)
+        away = np.sqrt(((begin + share[:, None] * step) ** 2).sum(axis=1))
+        return int(np.argmax(away <= away.min() * (1.0 + 1e-6) + 1e-9))
+
     def trim(self, cycle: float) -> None:
         """Keep what is due from ``cycle`` on, and three that are passed."""
         less = min(int(np.searchsorted(self.cycle, cycle)), self.first - 3)

@@ -206,6 +206,10 @@ class GoalStream:
         self._cycle = max(self._cycle, cycle)
         self._told.starve(True)
         self._arriving, self._begin = 0, self._cycle
+        passed = known.nearest(at, self._horizon.velocity)  # by what was played beyond
+        self._told.passing(passed, np.zeros((0, len(at))), 0.0)
+        known.first += passed
+        known.cycle[: known.first] = np.minimum(known.cycle[: known.first], self._cycle)
         known.position[known.first - 1] = at
         self._first = known.first == len(known)
         if not self._first:

@@ -210,7 +210,7 @@ def test_hold_and_resume(arm: Arm) -> None:
     """On the path: it rests there and goes on."""
     goal = arm.send([[1.0, 0.0, 0.0]], [1.5])
     with monitor_of(arm.kernel) as monitor:
-        arm.moves()
+        until(lambda: monitor.feedback().axes[0].position > 0.05 * SCALE[0])
         hold = rospy.ServiceProxy("/arm/hold", SetBool)
         assert hold(True).success
         until(lambda: monitor.feedback().axes[0].velocity == 0.0)
@@ -275,7 +275,7 @@ def test_a_trajectory_by_topic_moves_and_one_without_points_stops(arm: Arm) -> N
         publisher.publish(way([[0.2, 0.0, 0.0]], [0.5]))
         until(lambda: monitor.feedback().axes[0].position == 0.2 * SCALE[0])
         publisher.publish(way([[1.0, 0.0, 0.0]], [8.0]))
-        until(lambda: monitor.feedback().moving)
+        until(lambda: monitor.feedback().axes[0].position > 0.21 * SCALE[0])
         publisher.publish(JointTrajectory(joint_names=NAMES))
         until(lambda: not monitor.feedback().moving)
         assert 0.2 * SCALE[0] < monitor.feedback().axes[0].position < SCALE[0]
@@ -412,14 +412,16 @@ def test_joint_states_are_goals(tmp_path: Path, mode: str) -> None:
     """At 10 Hz in radians to three units: none lost, the end is the last one, bit for bit."""
     count = 30
     rows = iter(0.6 * (1 - np.cos(np.linspace(0, math.pi, count))) / 2)
-    name = f"control_{mode}"
-    more = ["--node-name", name, "--ros-args", f"_mode:={mode}", "_read_rate:=500"]
+    own = f"/control_{mode}"  # its topics by their default names, apart from the controller's
+    more = ["--ros-args", f"__ns:={own}", f"_mode:={mode}", "_read_rate:=500"]
     with (
-        running(tmp_path, "ros1", "control", *more, "_goal_topic:=/goals") as program,
+        running(tmp_path, "ros1", "control", *more) as program,
         monitor_of(program.kernel) as monitor,
     ):
-        publisher = rospy.Publisher("/goals", JointState, queue_size=10)
-        until(publisher.get_num_connections)
+        states: list[Any] = []
+        rospy.Subscriber(f"{own}/sjerk_control_node/joint_states", JointState, states.append)
+        publisher = rospy.Publisher(f"{own}/joint_states", JointState, queue_size=10)
+        until(lambda: publisher.get_num_connections() and states)
         q = 0.0
 
         def publish(now: float) -> None:

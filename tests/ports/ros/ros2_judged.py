@@ -118,11 +118,7 @@ class Arm:
         self.server_knows()
 
     def server_knows(self) -> None:
-        """The server finds the client later than the client finds the server: wait for both."""
-        node, topic = self.client.node, f"/{self.name}/follow_joint_trajectory/_action/feedback"
-        self.client.until(
-            lambda: node.count_publishers(topic) == node.count_subscribers(topic) == 1
-        )
+        """The server finds the client later than the client finds the server."""
         self.client.spin(0.5)  # what the other end has found cannot be asked
 
     def position(self) -> np.ndarray:
@@ -146,7 +142,15 @@ class Arm:
 
     def result(self, goal: Any) -> tuple[int, int, str]:
         """Status, code and text at its end."""
-        answer = self.client.wait(goal.get_result_async())
+        answer = None
+        for _ in range(6):
+            # DDS drops an answer whose asker the server has not found yet: then ask again
+            try:
+                answer = self.client.wait(goal.get_result_async(), LONGEST_S / 6.0)
+                break
+            except TimeoutError:
+                continue
+        assert answer is not None, "no result"
         return answer.status, answer.result.error_code, answer.result.error_string
 
 
@@ -256,7 +260,7 @@ def test_hold_and_speed(arm: Arm) -> None:
     )
     goal = arm.send([[1.0, 0.0, 0.0]], [1.5])
     with Monitor.attach(kernel_of(arm)) as monitor:
-        arm.moves()
+        arm.client.until(lambda: monitor.feedback().axes[0].position > 0.05 * SCALE[0])
         speed.publish(SpeedScalingFactor(factor=0.0))
         arm.client.until(lambda: monitor.feedback().axes[0].velocity == 0.0)
         at = monitor.feedback().axes[0].position

@@ -50,7 +50,7 @@ class Clearance:
     >>> ball = Scene({"ball": Shape("sphere", (0.1,), (0.0, 0.5, 0.3))}, floor=None)
     >>> near = Clearance(arm, [-3.0, -3.0], [3.0, 3.0], ball)
     >>> print(near.nearest([0.0, 0.0]))
-    link 2 is near ball (150 mm)
+    link 2 is near ball (148 mm)
     """
 
     def __init__(self, arm: Arm, lower: ArrayLike, upper: ArrayLike, scene: Scene) -> None:

@@ -191,26 +191,33 @@ class Door:
             "Sec-WebSocket-Key": key,
             "Origin": f"http://127.0.0.1:{port}",
         }
-        for headers in ({}, upgrade):
-            answer = self._knock(port, "/", headers)
-            if answer.status != http.HTTPStatus.FORBIDDEN:
-                raise DoorOpenError(f"the door is open (answer {answer.status}): {_OTHER_KIND}")
+        tell, self._tell = self._tell, None  # it is us
+        knocks = [_knock(port, "/", headers) for headers in ({}, upgrade)]
+        self._tell = tell
+        for status, _, _ in knocks:
+            if status != http.HTTPStatus.FORBIDDEN:
+                raise DoorOpenError(f"the door is open (answer {status}): {_OTHER_KIND}")
         secret = next(iter(self._secrets))
-        answer = self._knock(port, f"/{secret}/", {"Accept-Encoding": "gzip"})
-        page = answer.read()
-        if answer.headers.get("Content-Encoding") == "gzip":
+        _, answered, page = _knock(port, f"/{secret}/", {"Accept-Encoding": "gzip"})
+        if answered.get("Content-Encoding") == "gzip":
             page = gzip.decompress(page)
-        policy = answer.headers.get("Content-Security-Policy", "")
+        policy = answered.get("Content-Security-Policy", "")
         if "connect-src 'self'" not in policy or _WATCHFUL not in page:
             raise DoorOpenError(f"the page has no policy: {_OTHER_KIND}")
 
-    @staticmethod
-    def _knock(port: int, path: str, headers: dict[str, str]) -> http.client.HTTPResponse:
-        knock = http.client.HTTPConnection("127.0.0.1", port, timeout=10.0)
-        knock.request(
-            "GET", path, headers=headers | {"Connection": headers.get("Connection", "close")}
-        )
-        return knock.getresponse()
+
+def _knock(
+    port: int, path: str, headers: dict[str, str]
+) -> tuple[int, http.client.HTTPMessage, bytes]:
+    """Status, headers and body of an answer; of a websocket that is let in no body."""
+    knock = http.client.HTTPConnection("127.0.0.1", port, timeout=10.0)
+    try:
+        knock.request("GET", path, headers={"Connection": "close"} | headers)
+        with knock.getresponse() as answer:
+            body = b"" if answer.status == http.HTTPStatus.SWITCHING_PROTOCOLS else answer.read()
+            return answer.status, answer.headers, body
+    finally:
+        knock.close()
 
 
 @functools.lru_cache(maxsize=8)

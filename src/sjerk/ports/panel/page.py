@@ -23,7 +23,7 @@ from sjerk.ports.panel.scene_tab import SceneTab
 from sjerk.ports.panel.signals import Signals
 
 #: Seconds until drives must follow, or faults be reset.
-_PATIENCE = 1.0
+_PATIENCE = 3.0
 
 
 class Page:

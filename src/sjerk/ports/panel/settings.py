@@ -183,7 +183,7 @@ def with_tables(text: str, tables: Mapping[str, Mapping[str, Any]]) -> str:
 
     What was written is read again; raises SjerkError where anything else would have changed.
 
-    >>> print(with_tables("a = 1 # one\n[p.q]\\nx = 2\\n[z]\\n", {"p.q": {"y": [1.0]}}))
+    >>> print(with_tables("a = 1 # one\n[p.q]\nx = 2\n[z]\n", {"p.q": {"y": [1.0]}}))
     a = 1 # one
     [z]
     <BLANKLINE>

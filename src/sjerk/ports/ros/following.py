@@ -37,7 +37,8 @@ class Following:
         self._last: FloatArray | None = None
         self._before: tuple[float, FloatArray] | None = None
         self._player: StreamPlayer | None = None
-        self._first, self._came = 0.0, 0.0
+        self._first, self._came, self._ended = 0.0, 0.0, False
+        self._late: list[tuple[FloatArray, FloatArray | None, float]] = []
         self._tracker = Tracker(
             horizon=value("track.horizon"),
             timeout=value("track.timeout"),
@@ -85,6 +86,9 @@ class Following:
     ) -> None:
         """One of a stream, at its time."""
         self._came = now
+        if self._player is not None and self._ended:  # they begin the next stream
+            self._late.append((goal, velocity, sent))
+            return
         if self._player is None:
             axes = self._host.feedback().axes
             if all(q == axis.position for q, axis in zip(goal, axes, strict=True)):
@@ -136,17 +140,22 @@ class Following:
     def _end_stream(self, player: StreamPlayer, now: float) -> None:
         """A stream whose goals have stopped to come ends at rest on the last of them."""
         try:
+            if not self._host.clocked:
+                player.update()  # with a kernel in a caller's own loop nothing else feeds it
             if now - self._came > 3.0 * self._value("stream.period"):
                 player.end()
+                self._ended = True
             if player.done:
                 player.close()
-                self._player = None
+                self._player, self._ended = None, False
+                late, self._late = self._late, []
+                for goal, velocity, sent in late:
+                    self._stream(goal, velocity, sent, now)
         except KernelGoneError:
             raise
         except SjerkError as error:
             self._tell(f"stream: {error}")
-            player.close()
-            self._player = None
+            self.drop()
 
     def drop(self) -> None:
         """Follow no goal that came before: another hand moves."""
@@ -154,6 +163,8 @@ class Following:
         if self._player is not None:
             self._player.close()
         self._player = self._last = self._before = None
+        self._ended = False
+        self._late.clear()
 
     def report(self) -> dict[str, object]:
         """Counts, and ages of the goals since the last report, for diagnostics."""

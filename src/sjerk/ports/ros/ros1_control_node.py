@@ -36,7 +36,8 @@ class ControlNode(Life):
         self._finishing = False
         self._goals = Drained(depth=100)
         self._commands = rospy.Publisher("~command", JointState, queue_size=1)
-        self._states = rospy.Publisher(self.value("state_topic"), JointState, queue_size=10)
+        own = self.value("state_topic").replace("~/", "~")  # "~/" would not be private
+        self._states = rospy.Publisher(own, JointState, queue_size=10)
         self._warnings = rospy.Publisher("~warnings", String, queue_size=10)
         self.offer_stops(self._following.drop)
         rate = self.value("read_rate")

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 from sjerk.errors import SjerkError
-from sjerk.host import Feedback, Host
+from sjerk.host import Feedback, Host, Monitor
 from sjerk.host.events import EventKind
 from sjerk.ports.ros.joints import Joints
 
@@ -133,7 +133,7 @@ def check_start(host: Host, joints: Joints, tell: Callable[[str], None]) -> None
         raise SjerkError(f"check before the start: {'; '.join(wrong)}")
 
 
-def warnings(host: Host) -> list[str]:
+def warnings(host: Host | Monitor) -> list[str]:
     """What has happened since the last call that people have to know of, in words."""
     events, missed = host.events()
     told = [str(event) for event in events if event.kind in WARNED]

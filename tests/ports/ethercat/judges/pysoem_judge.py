@@ -194,7 +194,7 @@ def targets() -> None:
         exchange()
     for _ in range(100):
         exchange()
-    status = wire.fault("status")["devices"]
+    status = wire.fault("status", exchange)["devices"]
     for k in range(DRIVES):
         assert abs(inputs(k)[2] - start[k] - 4_000_000) <= 1, inputs(k)
         assert status[k]["samples"] >= 1000
@@ -211,7 +211,7 @@ def sdo_beside() -> None:
 
 def fault_and_emergency() -> None:
     emergencies.clear()
-    wire.fault(f"inject {DRIVES - 1} OVER_CURRENT")
+    wire.fault(f"inject {DRIVES - 1} OVER_CURRENT", exchange)
     last = drives()[-1]
     for _ in range(20):
         exchange()
@@ -221,7 +221,7 @@ def fault_and_emergency() -> None:
         assert time.monotonic() < end, emergencies
         last.sdo_read(0x603F, 0)  # emergencies come on the way to an answer
         exchange()
-    wire.fault(f"clear {DRIVES - 1} OVER_CURRENT")
+    wire.fault(f"clear {DRIVES - 1} OVER_CURRENT", exchange)
     for word in (0, 0x80, 0):
         last.output = OUT.pack(word, 8, inputs(DRIVES - 1)[2], 0, 0)
         for _ in range(5):
@@ -260,11 +260,11 @@ def clocks() -> None:
     main.config_map()
     assert main.state_check(pysoem.SAFEOP_STATE, PATIENCE_US) == pysoem.SAFEOP_STATE, codes()
     to_op()
-    before = [device["syncs"] for device in wire.fault("status")["devices"]]
+    before = [device["syncs"] for device in wire.fault("status", exchange)["devices"]]
     for _ in range(300):
         exchange()
         time.sleep(0.001)
-    status = wire.fault("status")["devices"]
+    status = wire.fault("status", exchange)["devices"]
     for k, device in enumerate(status):
         assert device["state"] == 8
         assert device["syncs"] > before[k]

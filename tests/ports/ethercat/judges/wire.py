@@ -13,6 +13,7 @@ import subprocess
 import sys
 import tempfile
 import threading
+import time
 import traceback
 from collections.abc import Callable
 from pathlib import Path
@@ -47,13 +48,19 @@ class Wire:
         for line in self._process.stdout:
             self.told.append(line.rstrip("\n"))
 
-    def fault(self, words: str) -> Any:
-        """Tell the line a fault; its status."""
-        done = subprocess.run(
+    def fault(self, words: str, meanwhile: Callable[[], object] | None = None) -> Any:
+        """Tell the line a fault; its status. `meanwhile` goes on until the program has ended."""
+        with subprocess.Popen(
             [_PYTHON, "-m", "sjerk", "drive", "--control", str(self._control), "--fault", words],
-            capture_output=True, text=True, check=True, preexec_fn=behind,
-        )  # fmt: skip
-        return json.loads(done.stdout)
+            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=behind,
+        ) as told:  # fmt: skip
+            while meanwhile is not None and told.poll() is None:
+                meanwhile()
+                time.sleep(0.001)
+            said, wrong = told.communicate()
+        if told.returncode:
+            raise AssertionError(f"{words}: {wrong}")
+        return json.loads(said)
 
     def status(self, k: int = 0) -> Any:
         """What a device says of itself."""
