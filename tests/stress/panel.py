@@ -50,7 +50,7 @@ def frames(process: PanelProcess, seconds: float) -> None:
     stamps: list[float] = []
 
     def turned(message: dict[str, object]) -> None:
-        if message["type"] == "SceneNodeUpdateMessage":
+        if message["type"] == "SetOrientationMessage":
             stamps.append(time.monotonic())
 
     with Monitor.attach(process.name) as monitor:

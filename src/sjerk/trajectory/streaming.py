@@ -207,8 +207,10 @@ class GoalStream:
         self._told.starve(True)
         self._arriving, self._begin = 0, self._cycle
         passed = known.nearest(at, self._horizon.velocity)  # by what was played beyond
-        self._told.passing(passed, np.zeros((0, len(at))), 0.0)
         known.first += passed
+        if passed:
+            lag = (self._cycle - float(known.cycle[known.first - 1])) * self._T
+            self._told.passing(passed, np.zeros((0, len(at))), lag)
         known.cycle[: known.first] = np.minimum(known.cycle[: known.first], self._cycle)
         known.position[known.first - 1] = at
         self._first = known.first == len(known)
