@@ -402,3 +402,18 @@ def test_plans_of_the_panda_at_any_sampling(seed: int) -> None:
         blocks = whole(bare, PANDA, tolerance=1e-3)
         assert cycles(blocks) * T <= 1.01 * way.duration
         assert largest(blocks) <= 1.001e-3
+
+
+def test_what_is_wrong_later_is_told_at_rest() -> None:
+    """A piece that does not fit, found in motion: what is handed out before ends at rest."""
+    t = np.arange(400) * 0.1
+    q = 0.3 * (np.minimum(1.0, t / 4.0) ** 3 * np.sin(0.5 * t))[:, None]
+    pieces = [Trajectory(["a"], t, q), Trajectory(["b"], [50.0], [[0.0]])]
+    blocks: list[Followed] = []
+    with pytest.raises(TrajectoryError, match="point 400: not a"):
+        for block in follow(iter(pieces), [ROBOT], T):
+            blocks.append(block)  # noqa: PERF402
+    assert len(blocks) > 2
+    assert not blocks[-1].velocity[-1].any()
+    assert not blocks[-1].acceleration[-1].any()
+    recording_keeps(recording(blocks)[0], [ROBOT])

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sjerk.errors import InputError, PlanError, positive
+from sjerk.errors import InputError, PlanError, SjerkError, positive
 from sjerk.profile import CYCLES_MAX, FloatArray, Limits
 from sjerk.trajectory.faults import FaultKind, TrajectoryError, TrajectoryFault
 from sjerk.trajectory.parameterization import gaps_between
@@ -213,12 +213,17 @@ def _windows(
     keep = max(HAND_OUT * stop, 64.0)
     more = 1.0  # the estimate is rough: by so much the windows are longer
     while True:
-        source.fill(more * (keep + lookahead * stop))
+        try:
+            source.fill(more * (keep + lookahead * stop))
+        except SjerkError:
+            if window.remainder is not None:  # a motion goes on to rest before it is told
+                yield window.hand_out(window.remainder, np.inf)
+            raise
         if not len(window):
             return
         try:
             plan = planner.plan(window, source.done)
-        except PlanError:
+        except (PlanError, InputError):
             if window.remainder is None:
                 raise
             yield window.hand_out(window.remainder, np.inf)  # to rest, as it was planned before

@@ -30,10 +30,15 @@ from sjerk.trajectory.window import KEPT, Plan, Window, stop_of, units
 _FEWEST = 8
 #: Finer knots, and cycles more: what is tried where the own time nearly keeps the limits.
 _LADDER = ((2.0, 1), (4.0, 1), (4.0, 2), (8.0, 2), (4.0, 4), (4.0, 10))
+#: Segments of a stop: with more of them a kernel that takes four per cycle slows until it knows the
+#: way to a stop.
+_KNOWN = 240.0
 #: A pace that is no start: way-points that these knots cannot tell apart.
 _LOST = 1e3
 #: A stretch for which finer knots are worth trying.
 _NEARLY = 0.05
+#: Slowed each by itself way-points are no start where they take more than this share of stopping.
+_MUCH = 0.4
 #: Where ten times the tolerance saves more than this share of a uniform stretch, it is noise.
 _NOISE = 0.05
 #: By how much a tolerance may be raised: by default to half of the fastest cycle, as times in whole
@@ -96,7 +101,7 @@ class Timed:
         most = max(min(self._spacing, length / 40.0), 2.0)
         lengths = going_on(left, length, min(most, length / _FEWEST))
         if finer > 1.0:
-            lengths = split(lengths, max(most / finer, 2.0))
+            lengths = split(lengths, max(most / finer, 2.0, self._stop / _KNOWN))
         if len(lengths) < _FEWEST:  # what was left is coarse
             lengths = split(lengths, length / (2.0 * _FEWEST))
         return Knots(lengths)
@@ -126,8 +131,8 @@ class Timed:
         stops = self._stops(task, way, window)
         best: tuple[float, Knots, Answer] | None = None
         dense = len(asked) > len(self._knots(window.left, length, 1.0))
-        taken = float(asked[-1] if len(asked) else length)
-        if self._slowed(task, way, dense) * taken <= stops[-1]:
+        gaps = np.diff(stops, prepend=0.0)
+        if self._passes(task, way, gaps, dense):
             exact, best = self._smooth(task, asked, window, length, way)
             if exact is not None:
                 return exact
@@ -190,20 +195,27 @@ class Timed:
             most = np.maximum(most, 0.5 * float(np.median(task.least)) * self._table[:, 0])
         return most
 
-    def _slowed(self, task: Task, way: FloatArray, dense: bool) -> float:
-        """A pace below which no motion passes the way-points evenly slowed, within a tolerance.
+    def _passes(self, task: Task, way: FloatArray, stops: FloatArray, dense: bool) -> bool:
+        """Whether times slowed, all alike or each as those around it need, beat stopping (gaps).
 
-        Somewhere between k + 1 of them a k-th derivative is k! times their divided difference.
+        Somewhere between k + 1 of them a k-th derivative is k! times their divided difference, and
+        slowing by p divides it by p^k; from stop to stop (``stops``, gaps) always suffices.
         """
         assert task.least is not None
         at = np.concatenate([[0.0], np.cumsum(task.least)])
-        table, noise, pace = way, np.broadcast_to(self._raised(task, dense), way.shape), 1.0
+        table, noise = way, np.broadcast_to(self._raised(task, dense), way.shape)
+        pace = np.ones(len(task.least))
         for k in range(1, min(4, len(way))):
             gap = (at[k:] - at[:-k])[:, None] / k
             table, noise = np.diff(table, axis=0) / gap, (noise[1:] + noise[:-1]) / gap
-            over = (np.abs(table) - noise) / self._table[:, k - 1]
-            pace = max(pace, float(over.max(initial=0.0)) ** (1.0 / k))
-        return pace
+            over = ((np.abs(table) - noise) / self._table[:, k - 1]).max(axis=1)
+            slow = np.maximum(over, 0.0) ** (1.0 / k)
+            for shift in range(k):
+                some = slice(shift, len(pace) - k + 1 + shift)
+                pace[some] = np.maximum(pace[some], slow)
+        alike = float(pace.max()) * float(task.least.sum())
+        each = float(np.minimum(pace * task.least, stops).sum())
+        return min(alike, each / _MUCH) <= float(stops.sum())
 
     def _stops(self, task: Task, way: FloatArray, window: Window) -> FloatArray:
         """Moments of the way-points (n,) from stop to stop, or as they were planned before."""

@@ -154,7 +154,7 @@ def _windows(
         cut = np.inf
         try:
             found = planner.plan(window)
-        except PlanError:
+        except (PlanError, InputError):
             if window.remainder is None:
                 raise
             found = window.remainder  # to rest, as it was planned before

@@ -145,7 +145,7 @@ class Window:
         count = len(knots)
         if cycles < knots.duration:
             count = max(1, int(np.searchsorted(knots.time, cycles, side="right")) - 1)
-        last = count == len(knots) and plan.rests
+        last = count == len(knots)  # at rest, whether at the last way-point or behind it
         p, v, a, j = (x[: count + 1] for x in knots.motion(plan.answer.control))
         j = j[:count]
         joints = p.shape[1]
@@ -162,7 +162,7 @@ class Window:
             lengths[-1, 1] = 1
             taken[-1] += 1
             before[-1] = v[-1] = a[-1] = 0.0
-            end = self.points[-1]
+            end = self.points[-1] if plan.rests else self.state.position + p[-1]
             ways[-1] += j[-1] / 8.0
         position = _summed(self.state.position, ways, end)
         ends = np.cumsum(taken)
