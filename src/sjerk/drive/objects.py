@@ -153,7 +153,7 @@ _MAKER: tuple[Object, ...] = (
            "config.stream_acceleration_rev_s2"),
           ("Jerk limit, 0 = none", REAL, "rw", "", 0.0, "rev/s^3", "config.stream_jerk_rev_s3"),
           ("Jerk of profiles", REAL, "rw", "", 10000.0, "rev/s^3", "config.profile_jerk_rev_s3"),
-          ("Silence that is a missed SYNC where 1006h = 0; 0: learned", U16, "rw", "", 0, "ms", ""),
+          ("Silence that is a missed SYNC where 1006h = 0; 0: learned", U16, "rw", "", 500, "ms", ""),
           ("607Dh counts: 0 as 607Ah, 1 less 607Ch", U8, "rw", "", 0, "",
            "config.software_from_home"),
           ("Torque with which a hard stop is sought", U16, "rw", "", 300, "0.1 %",

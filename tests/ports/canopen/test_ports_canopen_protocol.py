@@ -209,7 +209,6 @@ def test_a_motor_does_not_wait_for_the_sync_of_a_master_that_is_lost() -> None:
     """1016h: the heartbeat stays away before the silence of SYNC counts; 6007h acts at once."""
     wire = Wire()
     wire.write(0x1016, 1, 1 << 16 | 50)
-    wire.write(0x2100, 7, 500)
     wire.put(0x701, b"\5")
     moving(wire, 1.0)
     wire.pass_time(0.06)

@@ -23,6 +23,7 @@ class Led(Wire):
         super().__init__()
         self.write(0x60C2, 1, period_ms)
         self.write(0x6080, 0, 6000)
+        self.write(0x2100, 7, 0)  # learned
         self.put(0, bytes((1, NODE)))
         self.period = period_ms * 1e-3
         self.fine = self.period / 10  # step of the clock
@@ -122,10 +123,12 @@ def test_the_motor_lives_on_at_once_where_the_interval_is_known(
     assert feedback.error_code == 0x8700
 
 
-def test_before_the_interval_is_known_a_silence_is_half_a_second() -> None:
-    """Three intervals do not tell it; 2100h:7 sets the limit whatever came."""
+@pytest.mark.parametrize("silence_ms", [500, 0])
+def test_before_the_interval_is_known_a_silence_is_half_a_second(silence_ms: int) -> None:
+    """Three intervals do not tell it; the default is fixed, so that a heartbeat counts first."""
     wire = Wire()
-    assert wire.device.read(0x2100, 7) == 0
+    assert wire.device.read(0x2100, 7) == 500
+    wire.write(0x2100, 7, silence_ms)
     wire.enable()
     wire.pass_time(0.49)
     assert wire.device.feedback.follows

@@ -39,9 +39,9 @@ class SyncWatch:
     >>> watch.limit
     0.5
     >>> for k in range(6):
-    ...     watch.take(0.005 * k)
+    ...     watch.take(k / 64)
     >>> watch.limit
-    0.02
+    0.0625
     """
 
     def __init__(self) -> None:
