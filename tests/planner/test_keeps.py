@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from helpers import planner_check as check
+from sjerk import Limits, State, plan
 from sjerk._binding import ffi, lib
 
 T = 1e-3
@@ -49,3 +50,20 @@ def test_the_rule_decides_as_the_judge_does(unit: str, asymmetric: bool, lowered
         one = turning.v + turning.left / 2 <= vmax
         assert (found & ~one).sum() > 10  # kept by crossing zero alone
         assert (limits[:, 2] > limits[:, 1]).sum() > 1000  # a cycle of jerk beyond all acceleration
+
+
+def test_a_start_at_its_velocity_limit_crosses_zero_as_gently_as_the_rule_allows() -> None:
+    """Its room is the rounding of the limit; with the most jerk the way back is 11 % too fast."""
+    start = State(-77938.99418885127, -407445835.18527544, -225481.6106106558)
+    target = State(130086396.04140195, -210692605.1725983)
+    V = 407445947.92608094
+    A, J, D, L = 984029173544.5106, 1.2826353736931008e17, 332052349034.73126, 8.656341158872474e17
+    made = plan(start, target, Limits(V, A, J, D, L), 1e-3)
+    request = check.Requests(
+        np.array([[start.position, start.velocity, start.acceleration]]),
+        np.array([[target.position, target.velocity]]),
+        np.array([[V, A, J, D, L]]),
+    )
+    rows = np.frombuffer(check.ffi.buffer(made.c_plan), dtype=check.PLAN).copy()
+    worst = check.judge(request, rows, 1e-3)
+    assert all(worst[name][0] <= check.WITHIN for name in "vaj")

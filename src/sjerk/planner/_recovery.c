@@ -107,7 +107,10 @@ void sj_cross_gently(task *t, sj_plan *p)
     for (int i = 0; i < CROSSINGS && !sj_lands(t); i++) {
         brink b = brink_of(t);
         double j = most_crossing_jerk(t, b.left, t->a0 > 0 ? t->ad : t->au);
-        double room = most(0, t->vmax - b.v); /* none: the most jerk that serves */
+        double room = most(0, t->vmax - b.v), slack = t->vmax * SLACK / 2;
+        if (fabs(t->vmax - b.v) < slack) /* at the limit, as sj_keeps() has it: it is not above */
+            room = slack;
+        /* no room: the most jerk that serves */
         put_crossing(t, room > 0 ? least(j, b.left * b.left / (2 * room)) : j, p);
     }
 }
