@@ -1,4 +1,4 @@
-"""Random and forged answers to a main device, made from what it sent.
+"""Random and forged answers to a main device, made from what it sent; what must hold meanwhile.
 
 What is not drawn is an answer with the right working counter, index and registers and other
 inputs: whoever forges a frame byte by byte is obeyed, as on any wire without authentication.
@@ -11,10 +11,15 @@ import struct
 from collections import deque
 from collections.abc import Iterator
 
+import numpy as np
+
 from helpers.ethercat_bench import APWR, BRD, FPRD, LRW, compose
+from helpers.ethercat_joined import COUNTS, Joined
+from sjerk.cycle.states import AxisState
 from sjerk.ports.ethercat.subdevice import Subdevice
 
 INDICES = 128
+T, VELOCITY = 1e-3, 20.0  # of the axes: s, rev/s
 
 
 def datagrams(frame: bytes) -> Iterator[tuple[int, int, int]]:
@@ -94,3 +99,57 @@ class Attack:
 def follower(device: Subdevice) -> bool:
     """Whether a drive, asked itself, goes where it is told."""
     return bool(device.controller.tx.statusword & 0x106F == 0x1027)
+
+
+class UnderAttack:
+    """Axes that move to and fro, and go on after each stop; every target is looked at."""
+
+    def __init__(self, joined: Joined, draw: random.Random) -> None:
+        self.joined, self.draw = joined, draw
+        self.stops = self.moves = 0
+        self._before = self._targets()
+        self._followed = np.zeros(len(self._before), bool)
+        self._move()
+
+    def _targets(self) -> np.ndarray:
+        found: np.ndarray = self.joined.kernel.image.outputs["target_position"].astype(np.int64)
+        return found
+
+    def _move(self) -> None:
+        goals = [self.draw.uniform(-3.0, 3.0) for _ in self._before]
+        self._goal = self.joined.host.move(goals)
+
+    def cycle(self) -> None:
+        """One cycle: no drive that follows is told to step further than its axis's velocity."""
+        self.joined.main.exchange()
+        now = self._targets()
+        step = np.abs((now - self._before + 2**31) % 2**32 - 2**31)
+        follows = np.array([follower(device) for device in self.joined.line.devices])
+        most = VELOCITY * T * COUNTS + 1.0
+        assert (step <= most)[follows & self._followed].all(), step / most
+        self._before, self._followed = now, follows
+        axes, host = self.joined.axes, self.joined.host
+        if any(axis.state == AxisState.ERROR_STOP for axis in axes):
+            if self.joined.main.bus.operational and not any(axis.moving for axis in axes):
+                self.stops += 1
+                host.reset(timeout=0.0)
+                host.enable(0.0)
+        elif self._goal.done and all(axis.follows for axis in axes):
+            self._move()
+            self.moves += 1
+
+    def recovers(self) -> None:
+        """A reset brings everything back, and a move ends on its goal to the increment."""
+        joined = self.joined
+        joined.until(lambda: joined.main.bus.operational)
+        joined.until(lambda: not any(axis.moving for axis in joined.axes), 20_000)
+        joined.host.reset(timeout=0.0)
+        joined.cycles(10)
+        joined.enable()
+        goals = np.arange(1, len(self._before) + 1)
+        move = joined.host.move([float(goal) for goal in goals])
+        joined.until(lambda: move.done, 20_000)
+        joined.cycles(300)
+        assert self._targets().tolist() == (goals * COUNTS).tolist()
+        assert np.allclose([axis.actual_position for axis in joined.axes], goals, atol=2e-4)
+        assert joined.findings() == [{}] * len(goals)

@@ -16,15 +16,13 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-import numpy as np
 import pytest
 
-from helpers.ethercat_attack import Attack, follower
-from helpers.ethercat_joined import COUNTS, Joined
+from helpers.ethercat_attack import Attack, UnderAttack
+from helpers.ethercat_joined import Joined
 from helpers.root import ROOT
 from sjerk._binding import ffi, lib
 from sjerk.cli.cable import DRIVES, MAIN, inside
-from sjerk.cycle.states import AxisState
 from sjerk.errors import SjerkError
 from sjerk.ports.ethercat.transports import cyclic_socket
 
@@ -32,7 +30,6 @@ FRAMES = int(os.environ.get("SJERK_FUZZ_FRAMES", "6000"))
 SEED = int(os.environ.get("SJERK_FUZZ_SEED", "1"))
 ETHERCAT = 0x88A4
 AXES = 3
-T, VELOCITY = 1e-3, 20.0  # of the axes: s, rev/s
 SHORTEST, LONGEST = 14, 1514  # what the system sends
 SLOTS = 128  # of the ring
 OPENED = 200
@@ -145,36 +142,18 @@ def test_no_frame_in_the_ring_makes_a_wrong_target(request: pytest.FixtureReques
         return
     attack = Attack(SEED)
     draw = attack.draw
-    stops = moves = 0
     with Joined(AXES) as joined, peer(DRIVES) as wire:
-        bus, image = joined.c, joined.kernel.image
+        bus = joined.c
         joined.enable()
         ring = Ring(joined, attack, wire)
         line = joined.line
         joined.cycles(1)
         line.frame, direct = ring.frame, line.frame  # type: ignore[method-assign]
-        before = image.outputs["target_position"].astype(np.int64)
-        followed = np.zeros(AXES, bool)
-        most = VELOCITY * T * COUNTS + 1.0
-        move = joined.host.move([draw.uniform(-3.0, 3.0) for _ in range(AXES)])
+        axes = UnderAttack(joined, draw)
         while ring.sent < FRAMES:
             if draw.random() < 0.003:
                 attack.forging = draw.choice((0.0, 0.0002, 0.002, 0.02))
-            joined.main.exchange()
-            now = image.outputs["target_position"].astype(np.int64)
-            step = np.abs((now - before + 2**31) % 2**32 - 2**31)
-            follows = np.array([follower(device) for device in line.devices])
-            assert (step <= most)[follows & followed].all(), (ring.sent, step / most)
-            before, followed = now, follows
-            axes = joined.axes
-            if any(axis.state == AxisState.ERROR_STOP for axis in axes):
-                if joined.main.bus.operational and not any(axis.moving for axis in axes):
-                    stops += 1
-                    joined.host.reset(timeout=0.0)
-                    joined.host.enable(0.0)
-            elif move.done and all(axis.follows for axis in axes):
-                move = joined.host.move([draw.uniform(-3.0, 3.0) for _ in range(AXES)])
-                moves += 1
+            axes.cycle()
         assert joined.findings() == [{}] * AXES
         assert bus.told.stray > ring.sent // 4
         stray, ring.calm = bus.told.stray, True
@@ -183,16 +162,7 @@ def test_no_frame_in_the_ring_makes_a_wrong_target(request: pytest.FixtureReques
         came = bus.told.sent
         joined.until(lambda: bus.told.lost - lost < bus.told.sent - came)  # answers come again
         line.frame = direct  # type: ignore[method-assign]
-        joined.until(lambda: joined.main.bus.operational)
-        joined.until(lambda: not any(axis.moving for axis in joined.axes), 20_000)
-        joined.host.reset(timeout=0.0)
-        joined.cycles(10)
-        joined.enable()
-        move = joined.host.move([1.0, 2.0, 3.0])
-        joined.until(lambda: move.done, 20_000)
-        joined.cycles(300)
-        assert image.outputs["target_position"].tolist() == [COUNTS, 2 * COUNTS, 3 * COUNTS]
-        assert joined.findings() == [{}] * AXES
+        axes.recovers()
         ring.close()
     print(f"{ring.sent} frames by the ring, {stray} strays, {lost} answers lost, "
-          f"{moves} moves, {stops} resets")  # fmt: skip
+          f"{axes.moves} moves, {axes.stops} resets")  # fmt: skip
