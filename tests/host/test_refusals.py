@@ -134,6 +134,11 @@ def test_arrays_are_sequences_and_tiny_numbers_are_zero_everywhere() -> None:
     """Plan takes arrays of positions; plan_many counts the same numbers as zero as plan."""
     assert plan(np.array([0.0, 1.0]), np.array([2.0, 3.0]), L, T).cycles > 0
     assert plan(0.0, 1e-61, L, T).cycles == plan_many([0.0], [1e-61], L, T).cycles[0] == 0
+    kernel, host = enabled([Axis(L, 1.0, "ideal")] * 2)
+    move = host.move(np.array([2.0, 3.0]))
+    kernel.step(20_000)
+    assert move.done
+    assert [axis.position for axis in host.feedback().axes] == [2.0, 3.0]
 
 
 def test_motions_can_be_copied_compared_and_kept() -> None:

@@ -10,10 +10,12 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Literal
 
+import numpy as np
+
 from sjerk._binding import lib
 from sjerk.errors import InputError, real
 from sjerk.planner import check_target
-from sjerk.profile import Limits, State
+from sjerk.profile import FloatArray, Limits, State
 
 Target = float | State
 Axes = int | Iterable[int] | None
@@ -67,6 +69,8 @@ def joint_axes(axes: Axes, count: int) -> list[int]:
 
 def by_axis(field: str, given: Any, count: int) -> dict[int, Any]:
     """What is given by axis number, one per axis, or for the one axis."""
+    if isinstance(given, np.ndarray) and given.ndim == 1:
+        given = given.tolist()
     if isinstance(given, Mapping):
         wanted: dict[int, Any] = dict(given)
     elif isinstance(given, Sequence) and not isinstance(given, str):
@@ -86,7 +90,7 @@ def by_axis(field: str, given: Any, count: int) -> dict[int, Any]:
 
 
 def targets_of(
-    given: Target | Sequence[Target] | Mapping[int, Target], count: int
+    given: Target | Sequence[Target] | Mapping[int, Target] | FloatArray, count: int
 ) -> dict[int, State]:
     """Targets by axis number; a bare position is one to rest at."""
     return {

@@ -37,7 +37,7 @@ from sjerk.host.path import Path, play
 from sjerk.host.path_records import Blocks
 from sjerk.host.reader import RECORDS, layout
 from sjerk.planner import Synchronization, check_target, code_of, cycles_of
-from sjerk.profile import Limits, State
+from sjerk.profile import FloatArray, Limits, State
 
 
 class Host(Observer):
@@ -297,7 +297,7 @@ class Host(Observer):
 
     def move(
         self,
-        target: Target | Sequence[Target] | Mapping[int, Target],
+        target: Target | Sequence[Target] | Mapping[int, Target] | FloatArray,
         *,
         limits: Limits | Mapping[int, Limits] | None = None,
         synchronization: Synchronization = "time",
@@ -363,7 +363,7 @@ class Host(Observer):
 
     def jog(
         self,
-        velocity: float | Sequence[float] | Mapping[int, float],
+        velocity: float | Sequence[float] | Mapping[int, float] | FloatArray,
         *,
         limits: Limits | Mapping[int, Limits] | None = None,
     ) -> Move:
