@@ -4,8 +4,13 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from types import ModuleType
 
-from sjerk.errors import InputError
+from sjerk.errors import ExtraMissingError, InputError, SjerkError
+from sjerk.extras import load
+
+#: Modules of the port by the node's name.
+_MODULES = {"controller": "controller", "control": "control_node"}
 
 
 def add_node_arguments(job: argparse.ArgumentParser) -> None:
@@ -31,3 +36,12 @@ def check_files(options: argparse.Namespace) -> None:
     for name, file in (("params", options.params), ("robot", options.robot)):
         if file is not None and not file.is_file():
             raise InputError(name, str(file), "is no file")
+
+
+def node_module(node: str, ros: int) -> ModuleType:
+    """The module of a node of ROS 1 or 2; raises SjerkError where there is no such ROS."""
+    try:
+        return load(f"sjerk.ports.ros.ros{ros}_{_MODULES[node]}", extra=f"ros{ros}")
+    except ExtraMissingError as fault:
+        what = f"{fault.module!r} is not installed: source a ROS {ros}, or make one"
+        raise SjerkError(f"{what} (tools/ros{ros}_venv.sh)") from fault

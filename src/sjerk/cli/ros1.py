@@ -5,14 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from sjerk.cli.nodes import add_node_arguments, check_files
-from sjerk.errors import ExtraMissingError, SjerkError
-from sjerk.extras import load
-
-_NODES = {
-    "controller": "sjerk.ports.ros.ros1_controller",
-    "control": "sjerk.ports.ros.ros1_control_node",
-}
+from sjerk.cli.nodes import add_node_arguments, check_files, node_module
 
 
 def add_arguments(jobs: Any) -> None:
@@ -28,11 +21,7 @@ def add_arguments(jobs: Any) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Be the node until SIGINT or SIGTERM; the exit code."""
-    try:
-        node = load(_NODES[options.node], extra="ros1")
-    except ExtraMissingError as fault:
-        what = f"{fault.module!r} is not installed: source a ROS 1, or make one: tools/ros1_venv.sh"
-        raise SjerkError(what) from fault
+    node = node_module(options.node, 1)
     words = arguments(options)
     return int(node.main(words, options.params))
 
