@@ -1,0 +1,107 @@
+"""Unmodified clients of ROS 2 judge how the nodes begin and end: ``./run test-ros2``."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+from action_msgs.msg import GoalStatus
+from helpers.ros2_clients import Arm, Client
+from helpers.ros_robot import LIMITS, LONGEST_S, SCALE, kernel_apart, monitor_of, running
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
+
+pytest_plugins = ["helpers.ros2_fixtures"]
+
+
+def test_cleaned_up_and_configured_anew(tmp_path: Path, client: Client) -> None:
+    """Under other names of joints; what joint_trajectory_controller alone understands is told."""
+    words = ["--joints", "a", "b", "c", "--node-name", "again"]
+    words += ["--ros-args", "-p", "command_interfaces:=[position]", "-p", "constraints.b.goal:=0.5"]
+    with running(tmp_path, "ros2", "controller", *words) as program:
+        arm = Arm(client, "again")
+        assert arm.result(arm.send([[0.1, 0.1, 0.0]], [0.5], ["a", "b", "c"]))[1] == 0
+        for number in (
+            Transition.TRANSITION_DEACTIVATE,
+            Transition.TRANSITION_CLEANUP,
+            Transition.TRANSITION_CONFIGURE,
+            Transition.TRANSITION_ACTIVATE,
+        ):
+            request = ChangeState.Request(transition=Transition(id=number))
+            assert client.call(ChangeState, "/again/change_state", request).success
+        client.until(arm.action.server_is_ready)
+        arm.server_knows()
+        assert arm.result(arm.send([[0.2, 0.0, 0.0]], [0.5], ["a", "b", "c"]))[1] == 0
+        told = program.log.read_text()
+        assert "without a meaning here: command_interfaces" in told
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_in_motion_stops_tells_and_ends(
+    tmp_path: Path, client: Client, number: int
+) -> None:
+    """SIGINT comes twice, as from a terminal and a launcher."""
+    with running(tmp_path, "ros2", "controller", "--node-name", f"hand{number}") as program:
+        arm = Arm(client, f"hand{number}")
+        goal = arm.send([[1.0, 0.0, 0.0]], [8.0])
+        result = goal.get_result_async()
+        with monitor_of(program.kernel) as monitor:
+            client.until(lambda: monitor.feedback().moving)
+        program.process.send_signal(number)
+        client.spin(0.05)
+        if number == signal.SIGINT:
+            program.process.send_signal(number)
+        answer = client.wait(result)
+        assert answer.result.error_code == -1
+        assert "shut down" in answer.result.error_string
+        assert program.process.wait(LONGEST_S) == 0
+
+
+def test_a_killed_node_leaves_the_arm_at_rest(tmp_path: Path, client: Client) -> None:
+    """With the kernel in a program of its own; a new node leads on."""
+    with kernel_apart(tmp_path) as (kernel, _):
+        words = [sys.executable, "-m", "sjerk", "ros2", "controller", "--kernel", kernel]
+        with monitor_of(kernel) as monitor, ExitStack() as nodes:
+            for kill in (True, False):
+                called = "killed" if kill else "next"  # what was killed is known for a while
+                node = subprocess.Popen([*words, "--node-name", called])
+                nodes.callback(node.kill)
+                arm = Arm(client, called)
+                goal = arm.send([[1.0 if kill else 0.2, 0.0, 0.0]], [1.5])
+                if kill:
+                    client.until(lambda: monitor.feedback().moving)
+                    node.kill()
+                    node.wait()
+                    client.until(lambda: not monitor.feedback().moving)
+                    peaks = monitor.feedback().axes[0]
+                    assert peaks.peak_velocity <= LIMITS["velocity"] * SCALE[0] * (1 + 1e-9)
+                    assert peaks.peak_jerk <= LIMITS["jerk"] * SCALE[0] * (1 + 1e-9)
+                    arm.action.destroy()
+                else:
+                    assert arm.result(goal)[1] == 0
+                    node.send_signal(signal.SIGTERM)
+                    assert node.wait(LONGEST_S) == 0
+
+
+def test_a_dead_kernel_is_told(tmp_path: Path, client: Client) -> None:
+    """Its goal is aborted, the node lives and is inactive."""
+    with kernel_apart(tmp_path) as (kernel, apart), monitor_of(kernel) as monitor:
+        words = [sys.executable, "-m", "sjerk", "ros2", "controller", "--kernel", kernel]
+        node = subprocess.Popen([*words, "--node-name", "lone"])
+        try:
+            arm = Arm(client, "lone")
+            goal = arm.send([[1.0, 0.0, 0.0]], [8.0])
+            client.until(lambda: monitor.feedback().moving)
+            apart.kill()
+            status, code, text = arm.result(goal)
+            assert (status, code) == (GoalStatus.STATUS_ABORTED, -1)
+            assert text
+            assert not arm.send([[0.1, 0.0, 0.0]], [0.5]).accepted
+            assert node.poll() is None
+        finally:
+            node.terminate()
+            node.wait(LONGEST_S)
