@@ -13,13 +13,15 @@ from typing import Any
 
 import numpy as np
 
-from helpers.ros_robot import LONGEST_S, NAMES
+from helpers.ros_goals import Goal, long_way, wrong
+from helpers.ros_robot import LONGEST_S, NAMES, Commands
 
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 100)
 
 import rclpy
 from control_msgs.action import FollowJointTrajectory
+from control_msgs.msg import JointTolerance
 from rclpy.action import ActionClient
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
@@ -112,21 +114,77 @@ class Arm:
         return answer.status, answer.result.error_code, answer.result.error_string
 
 
+def message_of(goal: Goal) -> JointTrajectory:
+    """A goal drawn at random as a message."""
+    message = way(goal.positions, goal.times, goal.names)
+    for point, velocities in zip(message.points, goal.velocities, strict=True):
+        point.velocities = [float(v) for v in velocities]
+    stamp = message.header.stamp
+    stamp.sec, stamp.nanosec = int(goal.stamp), int(goal.stamp % 1 * 1e9)
+    return message
+
+
+def action_goal_of(goal: Goal) -> Any:
+    """As a goal of the action, with its tolerances."""
+    tolerances = [JointTolerance(name=name, position=x) for name, x in goal.path_tolerance]
+    return FollowJointTrajectory.Goal(trajectory=message_of(goal), path_tolerance=tolerances)
+
+
 def way(rows: Any, times: Any, names: Any = NAMES) -> JointTrajectory:
     """Positions over times."""
     message = JointTrajectory(joint_names=list(names))
     for row, t in zip(rows, times, strict=True):
         point = JointTrajectoryPoint(positions=[float(x) for x in row])
-        point.time_from_start.sec = int(t)
-        point.time_from_start.nanosec = round((t - int(t)) * 1e9)
+        whole, rest = divmod(round(t * 1e9), 10**9)
+        point.time_from_start.sec, point.time_from_start.nanosec = whole, rest
         message.points.append(point)
     return message
 
 
-def servo(client: Client, publish: Callable[[float], None], rate: float, seconds: float) -> None:
-    """Call at a rate by the clock."""
-    began = time.monotonic()
+def servo(
+    client: Client, publish: Callable[[float], None], rate: float, seconds: float
+) -> list[float]:
+    """Call at a rate by the clock; the gaps between the calls, s."""
+    began, moments = time.monotonic(), []
     for k in range(int(seconds * rate)):
         while time.monotonic() < began + k / rate:
             rclpy.spin_once(client.node, timeout_sec=0.001)
+        moments.append(time.monotonic())
         publish(time.time())
+    return np.diff(moments).tolist()
+
+
+def attacked(arm: Arm, count: int, seconds: float, seed: int = 12) -> int:
+    """Send wrong goals by action and topic while a long motion is under way, until enough are sent.
+
+    Each time the motion must be that without them, bit for bit; returns how many were sent.
+    """
+    draw = np.random.default_rng(seed)
+    topic = arm.client.node.create_publisher(JointTrajectory, f"/{arm.name}/joint_trajectory", 10)
+    arm.client.until(topic.get_subscription_count)
+    sent, alone = 0, None
+    while alone is None or sent < count:
+        assert arm.result(arm.send([[0.0] * 3], [0.5]))[1] == 0
+        with Commands(arm.kernel) as commands:
+            goal = arm.client.wait(arm.action.send_goal_async(action_goal_of(long_way(seconds))))
+            assert goal.accepted
+            result = goal.get_result_async()
+            while not result.done():
+                if alone is None:
+                    arm.client.spin(0.01)
+                    continue
+                kind, bad = wrong(draw, arm.position())
+                sent += 1
+                # on the topic a trajectory without points is an order to stop
+                if draw.random() < 0.3 and kind not in ("nothing", "nobody", "tolerance"):
+                    topic.publish(message_of(bad))
+                    rclpy.spin_once(arm.client.node, timeout_sec=0.0)
+                else:
+                    answer = arm.client.wait(arm.action.send_goal_async(action_goal_of(bad)))
+                    assert not answer.accepted, (kind, bad)
+            assert result.result().result.error_code == 0
+        if alone is None:
+            alone = commands.motion()
+        assert np.array_equal(alone, commands.motion())
+    arm.client.node.destroy_publisher(topic)
+    return sent

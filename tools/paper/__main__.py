@@ -54,7 +54,7 @@ def write(out: Path, plan: Plan, played: dict[str, Played]) -> list[Path]:
             names = [f"{kind}_{n}_deg" for kind in ("command", "encoder") for n in plan.names]
             table.writerow(["time_s", *names])
             for moment, q, at in zip(t, one.command, one.encoder, strict=True):
-                table.writerow([f"{moment:.4f}", *(f"{x:.6f}" for x in (*q, *at))])
+                table.writerow([f"{moment:.3f}", *(f"{x:.5f}" for x in (*q, *at))])
     tables.append(out.with_name(f"{out.stem}_goals.csv"))
     with tables[-1].open("w", newline="") as file:
         table = csv.writer(file)

@@ -14,7 +14,6 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +29,8 @@ TOPIC = "/joint_states"
 MODES = {"interrupt": "interrupted", "stream": "look-ahead"}
 READ_HZ = 500.0
 _LONGEST_S = 30.0
-_AFTER_S = demo.AFTER_S
+#: Drawn before the first goal, and after all joints rest.
+_BEFORE_S, _AFTER_S = 0.2, demo.AFTER_S
 FloatArray = NDArray[np.float64]
 
 
@@ -102,9 +102,11 @@ def robot(folder: Path, plan: Plan, name: str, interface: str | None) -> Path:
     return file
 
 
-def _as_others() -> None:
-    """Kernel and drive run before all else where the system allows that; ROS does not."""
-    os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+def _behind_the_kernel() -> None:
+    """ROS runs before all else where the system allows that, but for kernel and drive."""
+    if os.sched_getscheduler(0) == os.SCHED_FIFO:
+        before = os.sched_getparam(0).sched_priority
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(max(1, before // 2)))
 
 
 @contextmanager
@@ -113,9 +115,7 @@ def program(
 ) -> Iterator[subprocess.Popen[bytes]]:
     """A program of its own until the end; ended by SIGTERM."""
     with log.open("ab") as file:
-        process = subprocess.Popen(
-            words, stdout=file, stderr=subprocess.STDOUT, preexec_fn=prepare
-        )
+        process = subprocess.Popen(words, stdout=file, stderr=subprocess.STDOUT, preexec_fn=prepare)
     try:
         yield process
     finally:
@@ -166,10 +166,10 @@ def play(kernel: str, plan: Plan, mode: str, ros: str, folder: Path) -> Played:
     told = folder / f"{mode}.json"
     told.unlink(missing_ok=True)
     with (
-        program([sys.executable, *words], log, _as_others) as node,
+        program([sys.executable, *words], log, _behind_the_kernel) as node,
         Monitor.attach(kernel) as monitor,
         Recorder(kernel, None) as recorder,
-        program([sys.executable, *publisher], told, _as_others) as planner,
+        program([sys.executable, *publisher], told, _behind_the_kernel) as planner,
     ):
         first = monitor.feedback()
         _until_rest(monitor, [node, planner], np.degrees(plan.position[-1]), log, told)
@@ -178,7 +178,9 @@ def play(kernel: str, plan: Plan, mode: str, ros: str, folder: Path) -> Played:
     lines = [json.loads(line) for line in told.read_text().splitlines()]
     sent = np.array([line["sent"] for line in lines if "sent" in line])
     found = recorder.recording
-    after = first.cycle
+    # from shortly before the first goal on
+    ahead = (sent[0] - first.time_ns * 1e-9 - _BEFORE_S) / found.cycle_time
+    after = first.cycle + max(0, int(ahead))
     run = demo.Run.of(
         MODES[mode],
         found,
@@ -188,7 +190,7 @@ def play(kernel: str, plan: Plan, mode: str, ros: str, folder: Path) -> Played:
         told=first.bus is not None,
     )
     rows = found.cycle > after
-    since = (run.cycle.astype(np.float64) - after) * found.cycle_time
+    since = (run.cycle.astype(np.float64) - first.cycle) * found.cycle_time
     return Played(
         run,
         first.time_ns * 1e-9 + since - sent[0],

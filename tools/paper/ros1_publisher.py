@@ -1,7 +1,7 @@
 """Publish a plan as joint states, as a motion planner of ROS 1 does: one every 0.1 s.
 
-python ros1_publisher.py PLAN.json TOPIC; prints a line of JSON for each goal, with the moment at which
-it was sent (CLOCK_MONOTONIC, s), and for each report of the control node in /diagnostics.
+python ros1_publisher.py PLAN.json TOPIC; prints a line of JSON for each goal, with the moment at
+which it was sent (CLOCK_MONOTONIC, s), and for each report of the control node in /diagnostics.
 """
 
 import json

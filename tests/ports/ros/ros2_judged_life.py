@@ -10,10 +10,11 @@ from pathlib import Path
 
 import pytest
 from action_msgs.msg import GoalStatus
-from helpers.ros2_clients import Arm, Client
-from helpers.ros_robot import LIMITS, LONGEST_S, SCALE, kernel_apart, monitor_of, running
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
+
+from helpers.ros2_clients import Arm, Client
+from helpers.ros_robot import LIMITS, LONGEST_S, SCALE, kernel_apart, monitor_of, running
 
 pytest_plugins = ["helpers.ros2_fixtures"]
 

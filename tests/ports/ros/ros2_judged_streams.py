@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.ros2_clients import Arm, Client, servo
-from helpers.ros_robot import LIMITS, NAMES, SCALE, monitor_of, running
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
+from helpers.ros2_clients import Arm, Client, servo
+from helpers.ros_robot import LIMITS, NAMES, SCALE, monitor_of, running
 from sjerk import Monitor
 
 pytest_plugins = ["helpers.ros2_fixtures"]
