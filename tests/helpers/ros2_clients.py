@@ -9,7 +9,7 @@ import os
 import secrets
 import time
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -152,6 +152,39 @@ def servo(
         moments.append(time.monotonic())
         publish(time.time())
     return np.diff(moments).tolist()
+
+
+class Stalls:
+    """How long publisher, node and kernel have stood still at most; a context manager.
+
+    What comes at a rate cannot be followed better than it comes: judges allow for this.
+    """
+
+    def __init__(self, client: Client, kernel: str, states: str) -> None:
+        """``states``: joint states of the node, which it publishes at 50 Hz."""
+        self._client, self._kernel = client, kernel
+        self._stamps: list[float] = []
+        self._heard = client.node.create_subscription(JointState, states, self._hear, 100)
+        self._late, self.gaps, self.longest = 0, [0.0], 0.0
+
+    def _hear(self, message: JointState) -> None:
+        stamp = message.header.stamp
+        self._stamps.append(stamp.sec + 1e-9 * stamp.nanosec)
+
+    def _late_cycles(self) -> int:
+        with Monitor.attach(self._kernel) as monitor:
+            return monitor.feedback().timing.late
+
+    def __enter__(self) -> Self:
+        self._late = self._late_cycles()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        node = max(np.diff(self._stamps).tolist() or [0.0]) - 0.02
+        cycles = (self._late_cycles() - self._late) * 1e-3
+        own = max(self.gaps) - float(np.median(self.gaps))
+        self.longest = max(0.0, node) + cycles + max(0.0, own)
+        self._client.node.destroy_subscription(self._heard)
 
 
 def attacked(arm: Arm, count: int, seconds: float, seed: int = 12) -> int:

@@ -189,6 +189,11 @@ class Commands:
         return self._found.cycle[self._rows].astype(np.int64)
 
     @property
+    def time(self) -> np.ndarray:
+        """When they began (n,), s of CLOCK_MONOTONIC."""
+        return self._found.all.frames["time_ns"][self._rows] * 1e-9
+
+    @property
     def position(self) -> np.ndarray:
         """Commanded (n, N)."""
         return self._found.position[self._rows] / self._scale

@@ -190,10 +190,10 @@ def play(kernel: str, plan: Plan, mode: str, ros: str, folder: Path) -> Played:
         told=first.bus is not None,
     )
     rows = found.cycle > after
-    since = (run.cycle.astype(np.float64) - first.cycle) * found.cycle_time
+    began = found.all.frames["time_ns"][rows] * 1e-9
     return Played(
         run,
-        first.time_ns * 1e-9 + since - sent[0],
+        began - sent[0],
         sent - sent[0],
         found.position[rows],
         found.actual_position[rows],
