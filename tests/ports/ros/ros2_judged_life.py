@@ -2,21 +2,42 @@
 
 from __future__ import annotations
 
+import re
 import signal
 import subprocess
 import sys
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 from action_msgs.msg import GoalStatus
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
 
 from helpers.ros2_clients import Arm, Client
-from helpers.ros_robot import LIMITS, LONGEST_S, SCALE, kernel_apart, monitor_of, running
+from helpers.ros_robot import (
+    LIMITS,
+    LONGEST_S,
+    PANDA,
+    SCALE,
+    Commands,
+    kernel_apart,
+    monitor_of,
+    panda,
+    running,
+)
+from sjerk.trajectory import shipped_recording
+from sjerk.trajectory.files import read_bag
 
 pytest_plugins = ["helpers.ros2_fixtures"]
+ROOT = Path(__file__).resolve().parents[3]
+PAGE = (ROOT / "docs" / "explanation" / "ros.md").read_text()
+[CONTACT] = re.findall(r"```toml\n(# contact.*?)```", PAGE, re.DOTALL)
 
 
 def test_cleaned_up_and_configured_anew(tmp_path: Path, client: Client) -> None:
@@ -106,3 +127,65 @@ def test_a_dead_kernel_is_told(tmp_path: Path, client: Client) -> None:
         finally:
             node.terminate()
             node.wait(LONGEST_S)
+
+
+def test_a_recorded_plan_takes_little_more_than_its_time(tmp_path: Path, client: Client) -> None:
+    """A TOPP-RA plan of a Panda as recorded, its joints in both orders, then back.
+
+    In cycles of the kernel: at most 1.07 of the plan's time, and within what MoveIt waits for.
+    """
+    names, times, rows, *_ = read_bag(shipped_recording().parent / "panda.mcap")
+    times, rows = np.asarray(times) - times[0], np.asarray(rows)
+    lasts = float(times[-1])
+    described = partial(panda, start=rows[0].tolist())
+    words = ["--node-name", "panda"]
+    with running(tmp_path, "ros2", "controller", *words, described=described) as program:
+        arm = Arm(client, "panda", program.kernel)
+        for order in (1, -1):
+            with Commands(program.kernel, scale=[1.0] * 7) as commands:
+                goal = arm.send(rows[:, ::order], times, names[::order])
+                assert goal.accepted
+                assert arm.result(goal)[:2] == (GoalStatus.STATUS_SUCCEEDED, 0)
+            took = (commands.moving().stop - commands.moving().start) * 1e-3
+            print("plan", lasts, "took", took, "ratio", took / lasts)
+            assert commands.position[-1] == pytest.approx(rows[-1], abs=1e-12)
+            assert (np.abs(commands.velocity).max(axis=0) <= np.array(PANDA[0]) * 1.000001).all()
+            highest = np.abs(commands.acceleration).max(axis=0)
+            assert (highest <= np.array(PANDA[1]) * 1.000001).all()
+            assert np.abs(commands.jerk).max() <= PANDA[2] * 1.000001
+            assert took <= 1.07 * lasts
+            assert took <= 1.1 * lasts + 0.5
+            back = arm.send([rows[0]], [lasts], names)
+            assert arm.result(back)[1] == 0
+
+
+def contact(folder: Path, name: str) -> Path:
+    """A kernel of one axis with a motor, and something hard in its way at 30 degrees."""
+    file = folder / "contact.toml"
+    file.write_text(CONTACT.replace("NAME", name))
+    return file
+
+
+def test_contact_stops_is_told_and_the_goal_after_a_reset_runs(
+    tmp_path: Path, client: Client
+) -> None:
+    """The axis meets something hard: the file of docs/explanation/ros.md, as it stands there."""
+    told: list[Any] = []
+    with running(
+        tmp_path, "ros2", "controller", "--node-name", "cell", described=contact
+    ) as program:
+        arm = Arm(client, "cell", program.kernel)
+        client.node.create_subscription(String, "/cell/warnings", told.append, 10)
+        goal = arm.send([[1.0]], [2.0], ["shoulder"])  # 57 degrees; the way ends at 30
+        status, code, text = arm.result(goal)
+        print(status, code, text)
+        assert (status, code) == (GoalStatus.STATUS_ABORTED, -1)
+        assert text
+        client.until(lambda: any("shoulder" in m.data for m in told))
+        print([m.data for m in told])
+        with monitor_of(program.kernel) as monitor:
+            client.until(lambda: not monitor.feedback().moving)
+            assert monitor.feedback().axes[0].actual_position < 31.0
+        assert client.call(Trigger, "/cell/reset", Trigger.Request()).success
+        again = arm.send([[0.1]], [1.0], ["shoulder"])
+        assert arm.result(again)[:2] == (GoalStatus.STATUS_SUCCEEDED, 0)

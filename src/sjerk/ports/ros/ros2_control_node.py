@@ -24,6 +24,7 @@ from sjerk.ports.ros.following import Following
 from sjerk.ports.ros.joints import Joints
 from sjerk.ports.ros.leading import joints_of, lead
 from sjerk.ports.ros.messages import Rows
+from sjerk.ports.ros.orders import LONGEST, Order
 from sjerk.ports.ros.parameters import CONTROL
 from sjerk.ports.ros.ros2_life import Waits, checks, declare, run, stops
 from sjerk.ports.ros.ros2_status import MotionStates, diagnostics, joint_state
@@ -85,13 +86,10 @@ class ControlNode(Node):  # type: ignore[misc]
     # ---- orders
 
     async def _on_order(self, name: str) -> str:
-        try:
-            self._following.drop()
-            getattr(self._host, name)(timeout=0.0)
-        except SjerkError as error:
-            return str(error)
-        rests = await self._waits.until(lambda: not self._host.feedback().moving, 30.0)
-        return "" if rests else "not at rest within 30 s"
+        self._following.drop()
+        order = Order(self._host, name)
+        await self._waits.until(order.look, LONGEST)
+        return order.answer
 
     # ---- what is told
 

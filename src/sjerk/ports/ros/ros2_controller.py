@@ -35,6 +35,7 @@ from sjerk.ports.ros.desk import Desk, Refusal
 from sjerk.ports.ros.joints import Joints
 from sjerk.ports.ros.leading import joints_of, lead
 from sjerk.ports.ros.messages import Rows
+from sjerk.ports.ros.orders import LONGEST, Order
 from sjerk.ports.ros.parameters import CONTROLLER, IGNORED, Parameter, constraints, settings
 from sjerk.ports.ros.ros2_life import Waits, checks, declare, ignored, run, stops
 from sjerk.ports.ros.ros2_messages import controller_state, goal_feedback
@@ -346,13 +347,10 @@ class TrajectoryController(LifecycleNode):  # type: ignore[misc]
         host = self._host
         if host is None:
             return _INACTIVE.text
-        try:
-            self._drop_topic()
-            getattr(host, name)(timeout=0.0)
-        except SjerkError as error:
-            return str(error)
-        rests = await self._waits.until(lambda: not host.feedback().moving, 30.0)
-        return "" if rests else "not at rest within 30 s"
+        self._drop_topic()
+        order = Order(host, name)
+        await self._waits.until(order.look, LONGEST)
+        return order.answer
 
     def _on_hold(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         try:
