@@ -22,7 +22,7 @@ from std_srvs.srv import Trigger, TriggerResponse
 from sjerk.errors import InputError, SjerkError
 from sjerk.host import Host
 from sjerk.ports.ros.joints import Joints
-from sjerk.ports.ros.leading import joints_of, lead
+from sjerk.ports.ros.leading import KernelOf, joints_of, lead
 from sjerk.ports.ros.orders import LONGEST, ORDERS, Order
 from sjerk.ports.ros.parameters import IGNORED, Parameter
 from sjerk.ports.ros.status import Level, Status, check, check_start, statuses
@@ -63,13 +63,13 @@ def read(known: Sequence[Parameter]) -> tuple[dict[str, Any], list[str]]:
 class Life:
     """What both nodes have: kernel, joints, loop, services that stop, diagnostics."""
 
-    def __init__(self, known: Sequence[Parameter]) -> None:
+    def __init__(self, known: Sequence[Parameter], kernel_of: KernelOf) -> None:
         """Leads the kernel and enables its drives; raises SjerkError and its like."""
         self.values, foreign = read(known)
         self.turns = Turns()
         self.open = ExitStack()
         try:
-            self.host: Host = lead(self.values.__getitem__, self.open)
+            self.host: Host = lead(self.values.__getitem__, self.open, kernel_of)
             self.joints: Joints = joints_of(self.values["joints"], self.host)
             check_start(self.host, self.joints, rospy.loginfo)
             self.host.enable()

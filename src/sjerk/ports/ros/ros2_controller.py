@@ -33,7 +33,7 @@ from sjerk.executor import GoalHandle, GoalStatus, ResultCode, Settings
 from sjerk.host import Host
 from sjerk.ports.ros.desk import Desk, Refusal
 from sjerk.ports.ros.joints import Joints
-from sjerk.ports.ros.leading import joints_of, lead
+from sjerk.ports.ros.leading import KernelOf, joints_of, lead
 from sjerk.ports.ros.messages import Rows
 from sjerk.ports.ros.orders import LONGEST, Order
 from sjerk.ports.ros.parameters import CONTROLLER, IGNORED, Parameter, constraints, settings
@@ -54,11 +54,12 @@ _INACTIVE = Refusal(ResultCode.INVALID_GOAL, "the controller is not active")
 class TrajectoryController(LifecycleNode):  # type: ignore[misc]
     """An action server, its topics and services, in front of a kernel."""
 
-    def __init__(self) -> None:
+    def __init__(self, kernel_of: KernelOf) -> None:
         """Declares the parameters; raises InputError."""
         super().__init__("sjerk_trajectory_controller")
         declare(self, CONTROLLER)
         self._known: tuple[Parameter, ...] = CONTROLLER
+        self._kernel_of = kernel_of
         self._open = ExitStack()
         self._host: Host | None = None
         self._joints: Joints | None = None
@@ -110,7 +111,7 @@ class TrajectoryController(LifecycleNode):  # type: ignore[misc]
     def on_configure(self, state: Any) -> TransitionCallbackReturn:
         """Kernel and interfaces; refuses with a text."""
         try:
-            self._host = lead(self._value, self._open)
+            self._host = lead(self._value, self._open, self._kernel_of)
             joints = joints_of(self._value("joints"), self._host)
             self._known = (*CONTROLLER, *constraints(joints.names))
             declare(self, [p for p in self._known if not self.has_parameter(p.name)])
@@ -466,8 +467,8 @@ def _result(code: ResultCode, text: str) -> Any:
     return FollowJointTrajectory.Result(error_code=int(code), error_string=text)
 
 
-def _make() -> TrajectoryController:
-    node = TrajectoryController()
+def _made(kernel_of: KernelOf) -> TrajectoryController:
+    node = TrajectoryController(kernel_of)
     if node.get_parameter("autostart").value:
         done = node.trigger_configure() == TransitionCallbackReturn.SUCCESS
         if not (done and node.trigger_activate() == TransitionCallbackReturn.SUCCESS):
@@ -476,10 +477,6 @@ def _make() -> TrajectoryController:
     return node
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
+def main(arguments: Sequence[str] | None, kernel_of: KernelOf) -> int:
     """Run the node; ``arguments`` as of ROS; returns the exit code."""
-    return run(_make, arguments)
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())
+    return run(lambda: _made(kernel_of), arguments)
