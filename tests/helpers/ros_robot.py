@@ -9,7 +9,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cached_property
 from pathlib import Path
@@ -83,16 +83,18 @@ class Program:
         node: str,
         more: Sequence[str],
         described: Callable[[Path, str], Path],
+        python: str = sys.executable,
+        environment: Mapping[str, str] = os.environ,
     ) -> None:
         self.kernel = f"ros-{secrets.token_hex(4)}"
         file = described(folder, self.kernel)
         self.log = folder / "log"
         with self.log.open("wb") as log:
             self.process = subprocess.Popen(
-                [sys.executable, "-m", "sjerk", ros, node, str(file), *more],
+                [python, "-m", "sjerk", ros, node, str(file), *more],
                 stdout=log,
                 stderr=subprocess.STDOUT,
-                env=os.environ | {"ROS_LOG_DIR": str(folder)},
+                env={**environment, "ROS_LOG_DIR": str(folder)},
             )
 
     def end(self, number: int = signal.SIGTERM) -> int:
@@ -113,9 +115,11 @@ def running(
     node: str,
     *more: str,
     described: Callable[[Path, str], Path] = robot,
+    python: str = sys.executable,
+    environment: Mapping[str, str] = os.environ,
 ) -> Iterator[Program]:
     """A node until the end of the test, on the kernel described; nothing of it may be left."""
-    program = Program(folder, ros, node, more, described)
+    program = Program(folder, ros, node, more, described, python, environment)
     try:
         yield program
     finally:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import math
+import os
 import re
+import secrets
 import signal
 import subprocess
 import sys
@@ -13,9 +16,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+import rclpy
 from action_msgs.msg import GoalStatus
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
+from rclpy.parameter_client import AsyncParameterClient
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
@@ -189,3 +194,103 @@ def test_contact_stops_is_told_and_the_goal_after_a_reset_runs(
         assert client.call(Trigger, "/cell/reset", Trigger.Request()).success
         again = arm.send([[0.1]], [1.0], ["shoulder"])
         assert arm.result(again)[:2] == (GoalStatus.STATUS_SUCCEEDED, 0)
+
+
+#: A file whose drive is on a bus that is not here.
+BUS = """
+name = "NAME"
+cycle_time = 1e-3
+[ethercat]
+interface = "nowhere0"
+[[axes]]
+name = "shoulder"
+unit = "deg"
+counts_per_unit = 46603.37777777778
+limits = { velocity = 60, acceleration = 300, jerk = 6000 }
+[axes.ethercat]
+position = 0
+"""
+
+
+def test_colcon_builds_the_package_and_its_program_runs(tmp_path: Path, client: Client) -> None:
+    """``ament_python``; the program as ``ros2 launch`` starts it, with hardware:=simulated."""
+    here = os.environ | {"AMENT_PREFIX_PATH": sys.prefix, "PYTHONWARNINGS": "ignore"}
+    here["PATH"] = f"{sys.prefix}/bin:{here['PATH']}"
+    words = ["colcon", "build", "--packages-select", "sjerk_ros2", "--base-paths"]
+    built = subprocess.run(
+        [*words, str(ROOT / "ros2")], cwd=tmp_path, env=here, capture_output=True, text=True
+    )
+    assert built.returncode == 0, built.stderr
+    share = tmp_path / "install/sjerk_ros2/share/sjerk_ros2"
+    for name in ("controller", "control"):
+        text = (share / "launch" / f"{name}.launch.py").read_text()
+        compile(text, name, "exec")
+        assert f'executable="{name}"' in text
+    assert (share.parent / "ament_index/resource_index/packages/sjerk_ros2").exists()
+    kernel = f"built-{secrets.token_hex(4)}"
+    file, params = tmp_path / "bus.toml", tmp_path / "params.yaml"
+    file.write_text(BUS.replace("NAME", kernel))
+    params.write_text(
+        f"/**:\n  ros__parameters:\n    kernel.file: {file}\n    kernel.hardware: simulated\n"
+    )
+    program = tmp_path / "install/sjerk_ros2/lib/sjerk_ros2/controller"
+    options = ["--ros-args", "-r", "__node:=built", "--params-file", str(params)]
+    node = subprocess.Popen([str(program), *options], env=here)
+    try:
+        arm = Arm(client, "built", kernel)
+        goal = arm.send([[0.2]], [1.0], ["shoulder"])
+        assert arm.result(goal)[:2] == (GoalStatus.STATUS_SUCCEEDED, 0)
+        node.send_signal(signal.SIGINT)
+        assert node.wait(LONGEST_S) == 0
+    finally:
+        node.kill()
+        node.wait()
+    options += ["-p", "kernel.hardware:=ethercat"]
+    refused = subprocess.run(
+        [str(program), *options], env=here, capture_output=True, text=True, timeout=LONGEST_S
+    )
+    assert refused.returncode == 1
+    assert "nowhere0" in refused.stderr
+
+
+OTHER = {"kilted": "jazzy", "jazzy": "kilted"}[os.environ.get("ROS2", "kilted")]
+OTHER_PYTHON = ROOT / f".venv-ros2-{OTHER}" / "bin" / "python"
+
+
+@pytest.mark.skipif(
+    not (OTHER_PYTHON.parents[1] / ".installed-test-ros2").exists(),
+    reason=f"there is no other distribution: ROS2={OTHER} ./run test-ros2 makes it",
+)
+def test_a_controller_of_the_other_distribution_is_served_alike(
+    tmp_path: Path, client: Client
+) -> None:
+    """Goals, results, cancel and parameters; feedback has other fields there (see the page)."""
+    own = {"LD_LIBRARY_PATH", "_ROS_WHEELS_BOOTSTRAP_COMPLETE", "PYTHONPATH", "AMENT_PREFIX_PATH"}
+    environment = {key: value for key, value in os.environ.items() if key not in own}
+    words = ["--node-name", "other"]
+    with running(
+        tmp_path, "ros2", "controller", *words, python=str(OTHER_PYTHON), environment=environment
+    ) as program:
+        arm = Arm(client, "other", program.kernel)
+        heard: list[Any] = []
+        goal = arm.send([[0.3, 0.2, 0.1]], [1.0], feedback=heard.append)
+        assert arm.result(goal)[:2] == (GoalStatus.STATUS_SUCCEEDED, 0)
+        arm.arrives([0.3, 0.2, 0.1])
+        print("feedback heard of the other distribution:", len(heard))
+        goal = arm.send([[2.0, 0.2, 0.1]], [8.0])
+        arm.moves()
+        assert client.wait(goal.cancel_goal_async()).goals_canceling
+        assert arm.result(goal)[:2] == (GoalStatus.STATUS_CANCELED, 0)
+        goal = arm.send([[2.0, 0.2, 0.1]], [8.0])
+        arm.moves()
+        after = arm.send([arm.position().tolist()], [2.0])
+        assert arm.result(goal)[:2] == (GoalStatus.STATUS_ABORTED, -1)
+        assert arm.result(after)[1] == 0
+        assert not arm.send([[math.nan, 0.0, 0.0]], [1.0]).accepted
+        parameters = AsyncParameterClient(client.node, "/other")
+        client.until(parameters.services_are_ready)
+        for value, good in ((0.5, True), (-1.0, False)):
+            changed = [rclpy.Parameter("speed", value=value)]
+            [answer] = client.wait(parameters.set_parameters(changed)).results
+            assert answer.successful == good
+            assert good or answer.reason
