@@ -216,10 +216,8 @@ def test_colcon_builds_the_package_and_its_program_runs(tmp_path: Path, client: 
     """``ament_python``; the program as ``ros2 launch`` starts it, with hardware:=simulated."""
     here = os.environ | {"AMENT_PREFIX_PATH": sys.prefix, "PYTHONWARNINGS": "ignore"}
     here["PATH"] = f"{sys.prefix}/bin:{here['PATH']}"
-    words = ["colcon", "build", "--packages-select", "sjerk_ros2", "--base-paths"]
-    built = subprocess.run(
-        [*words, str(ROOT / "ros2")], cwd=tmp_path, env=here, capture_output=True, text=True
-    )
+    words = ["colcon", "build", "--base-paths", str(ROOT / "ros2" / "sjerk_ros2")]
+    built = subprocess.run(words, cwd=tmp_path, env=here, capture_output=True, text=True)
     assert built.returncode == 0, built.stderr
     share = tmp_path / "install/sjerk_ros2/share/sjerk_ros2"
     for name in ("controller", "control"):
@@ -227,6 +225,9 @@ def test_colcon_builds_the_package_and_its_program_runs(tmp_path: Path, client: 
         compile(text, name, "exec")
         assert f'executable="{name}"' in text
     assert (share.parent / "ament_index/resource_index/packages/sjerk_ros2").exists()
+    # what the workspace's setup.sh adds
+    [packages] = tmp_path.glob("install/sjerk_ros2/lib/python*/site-packages")
+    here["PYTHONPATH"] = str(packages)
     kernel = f"built-{secrets.token_hex(4)}"
     file, params = tmp_path / "bus.toml", tmp_path / "params.yaml"
     file.write_text(BUS.replace("NAME", kernel))
