@@ -16,8 +16,10 @@ from helpers.sanitized import build
 
 FLAGS = ("-std=c11", "-O1", "-ffp-contract=off", "-fPIC", "-shared")
 MISSING = ("fcntl", "grp", "pwd", "resource", "termios", "_posixshmem", "_curses", "syslog")
+#: What the module os has on Linux only, or not on Windows.
+ABSENT = ("sched_getaffinity", "sched_setaffinity", "getuid", "geteuid", "fork", "posix_fallocate")
 BEGIN = f"""
-import sys, cffi, numpy
+import os, sys, cffi, numpy
 class Refused:
     def find_spec(self, name, path=None, target=None):
         if name in {MISSING}:
@@ -26,6 +28,8 @@ sys.meta_path[:] = [Refused(), *(f for f in sys.meta_path if "editable" not in t
 for name in {MISSING}:
     sys.modules.pop(name, None)
 sys.platform = PLATFORM
+for name in {ABSENT}:
+    delattr(os, name)
 sys.path.insert(0, FOLDER)
 import sjerk
 assert sjerk.__file__.startswith(FOLDER)
