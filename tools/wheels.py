@@ -1,6 +1,6 @@
 """Builds the wheels that go to users, audits them, and runs the golden programs with each.
 
-    ./run wheels [FOLDER]     into dist/, or FOLDER: manylinux2014 for both processors, and the sdist
+    ./run wheels [FOLDER]     into dist/, or FOLDER: manylinux2014 for two processors; the sdist
 
 The compiler is zig's clang from the package index: it brings the headers of glibc 2.17 for both
 processors. The wheels are of the stable interface (abi3). x86_64 is installed in an empty
