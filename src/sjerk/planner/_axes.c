@@ -56,8 +56,10 @@ static int32_t plan_each(int32_t n, const sj_request *request, const sj_limits *
 {
     for (int32_t i = 0; i < n; i++) {
         const sj_request *r = &request[i];
-        int32_t status = (exact ? sj_plan_exact_cruise : moving ? sj_plan_meeting : sj_plan_move)(
-            r->distance, r->v0, r->a0, r->v1, &limits[i], &plans[i]);
+        int32_t status =
+            (exact    ? sj_plan_exact_cruise
+             : moving ? sj_plan_meeting
+                      : sj_plan_move)(r->distance, r->v0, r->a0, r->v1, &limits[i], &plans[i]);
         if (status == SJ_PLAN_OK && plans[i].cycles < least_cycles) {
             status = sj_plan_duration(r->distance, r->v0, r->a0, r->v1, &limits[i], least_cycles,
                                       &plans[i]);

@@ -30,7 +30,7 @@ typedef struct {
 
 static inline task mirrored(const task *t)
 {
-    return (task){-t->h, -t->v0, -t->a0, -t->v1,   t->vmax,  t->ad,
+    return (task){-t->h, -t->v0, -t->a0, -t->v1,   t->vmax,   t->ad,
                   t->jd, t->au,  t->ju,  -t->sign, -t->first, -t->slip};
 }
 

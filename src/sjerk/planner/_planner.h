@@ -61,9 +61,9 @@ int32_t sj_plan_together(int32_t n, const sj_request *requests, const sj_limits 
 
 /* Requests between samples, for several axes and for many (_axes.c). */
 enum sj_synchronization {
-    SJ_SYNC_NONE = 0,  /* each axis as soon as it can */
-    SJ_SYNC_TIME = 1,  /* all axes arrive in the same cycle */
-    SJ_SYNC_PHASE = 2, /* the same phases: rest to rest on a straight line */
+    SJ_SYNC_NONE = 0,   /* each axis as soon as it can */
+    SJ_SYNC_TIME = 1,   /* all axes arrive in the same cycle */
+    SJ_SYNC_PHASE = 2,  /* the same phases: rest to rest on a straight line */
     SJ_SYNC_MOVING = 3, /* each axis by itself, to a target that moves on: sj_plan_meeting */
     SJ_SYNC_EXACT =
         4 /* added: cruise at the velocity limit exactly; not of axes together in time */
