@@ -127,8 +127,8 @@ def test_a_start_in_motion_and_outside_the_limits(seed: int) -> None:
         goals = goal + step * np.arange(1, 20)[:, None]
         blocks, goal = played(stream, goals, 0.05), goals[-1]
     blocks += ended(stream)
-    cycles = np.concatenate([b.cycles for b in blocks])
-    j = np.repeat(np.concatenate([b.jerk[:, 0] for b in blocks]), cycles, axis=0)
+    cycles = np.concatenate([b.lengths.ravel() for b in blocks])
+    j = np.repeat(np.concatenate([b.jerk.reshape(-1, len(a)) for b in blocks]), cycles, axis=0)
     none = np.zeros((1, len(limits)))
     As = a + np.vstack([none, np.cumsum(T * j, axis=0)])  # of the continuous motion
     steps = As[:-1] * T + j * (T * T / 2)
