@@ -31,6 +31,8 @@ _NEAR = 2.0
 _DENSE = 1e-3
 #: Cycles by which the last goal is passed late, so that being sooner counts.
 _LAG = 1.0
+#: Noise is seen in a few goals only: what one may be off by at most, and how it fades per knot.
+_DOUBT, _FADES = 3.0, 0.9
 #: Of the way a source needs to stop, by differences of its goals.
 _SURE = 0.98
 #: Differences of control points below this share of a knot's way at full velocity are none.
@@ -83,6 +85,7 @@ class StreamPlanner:
             [(-np.inf, np.inf) if x.position is None else x.position for x in limits]
         )
         self._noise = np.zeros(len(own))
+        self._doubt = np.zeros(len(own))  # of goals in the time of about a stop
         self._onward = (
             -math.inf,
             np.zeros(len(own)),
@@ -110,6 +113,7 @@ class StreamPlanner:
         if last and not (self.ended or self._within):
             return None, 0  # nothing is new: it rests where it was to
         self._noise = known.noise(3 * m, self._per_cycle)
+        self._doubt = np.maximum(_DOUBT * self._noise, _FADES * self._doubt)
         best = self._best(due)
         if horizon.resting and -horizon.progress[0] > self.tail and self._still(best):
             # it turned before a goal, and does not go back to it
@@ -262,7 +266,7 @@ class StreamPlanner:
         """How far beyond the last goal a plan may rest (N,): looked at when that was new."""
         if self._onward[0] != self.known.time:
             more, least = (
-                self.known.onward(self.horizon.cycles, self._per_cycle),
+                self.known.onward(self.horizon.cycles, self._per_cycle, self._doubt),
                 self.horizon.velocity,
             )
             more = np.sign(more) * np.maximum(_SURE * np.abs(more) - _CLOSE * least, 0.0)
