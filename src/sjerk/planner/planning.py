@@ -29,12 +29,14 @@ from sjerk.planner.arguments import (
     exact_of,
     fail,
     is_sequence,
+    moving_of,
     states_of,
 )
 from sjerk.profile import Limits, Profile, Samples, State
 
 #: Allocation without clearing, and types looked up once: this is the fast path.
 _new = ffi.new_allocator(should_clear_after_alloc=False)
+_sample, _profile = lib.sj_plan_sample, Profile.of_c
 _MOST: int = lib.SJ_AXES
 _PHASE: int = lib.SJ_SYNC_PHASE
 _PLAN, _INT = ffi.typeof("sj_plan *"), ffi.typeof("int32_t *")
@@ -194,6 +196,7 @@ def plan(
     synchronization: Synchronization = ...,
     min_duration: float = ...,
     cruise: Cruise = ...,
+    moving: bool = ...,
 ) -> Profile: ...
 @overload
 def plan(
@@ -205,6 +208,7 @@ def plan(
     synchronization: Synchronization = ...,
     min_duration: float = ...,
     cruise: Cruise = ...,
+    moving: bool = ...,
 ) -> Motion: ...
 def plan(
     start: State | float | Sequence[State | float],
@@ -215,6 +219,7 @@ def plan(
     synchronization: Synchronization = "time",
     min_duration: float = 0.0,
     cruise: Cruise = "fast",
+    moving: bool = False,
 ) -> Profile | Motion:
     """Plan the fastest motion in whole cycles from any state to any target.
 
@@ -232,6 +237,11 @@ def plan(
     ``limits.velocity`` to rounding (in phase: the axis that limits the line), and what is left is
     taken up by the braking behind it. ``InputError`` where it is not reached for a cycle, and for
     axes that share the motion in time only.
+
+    ``moving``: the target moves on with its velocity, and each axis may meet it up to a cycle later
+    on its line. Whole cycles otherwise miss a moving target by a fraction of a cycle where there is
+    no time to spare, and then swing back for it. Then ``Profile.end`` is where it is met; the
+    axes are by themselves (one axis, or ``"none"``).
 
     The direction of the move, for ``deceleration`` limits, is that of the distance that the plan
     covers: from start to target, less the half cycle of both velocities (T/2 times their sum).
@@ -252,10 +262,18 @@ def plan(
         and cruise == "fast"
         and min_duration.__class__ is float
         and not min_duration
+        and moving is False
     ):
-        return _one(start, target, limits, cycle_time)
+        # the fast path: one axis without a range, states built beforehand, no options
+        per_cycle = limits.cycled.get(cycle_time) if cycle_time.__class__ is float else None
+        if per_cycle is None:
+            return _one(start, target, limits, cycle_time)
+        made = _new(_PLAN)
+        if _sample(cycle_time, start.memory, target.memory, per_cycle, made):
+            return _one(start, target, limits, cycle_time)  # which tells why
+        return _profile(made, cycle_time, start, target)
     fast = min_duration.__class__ is float and not min_duration and cruise == "fast"
-    if fast and start.__class__ is list and target.__class__ is list:
+    if fast and moving is False and start.__class__ is list and target.__class__ is list:
         motion = _many_axes(start, target, limits, cycle_time, synchronization)
         if motion is not None:
             return motion
@@ -264,6 +282,7 @@ def plan(
     one = not is_sequence(start) and not is_sequence(target)
     starts = states_of("start", [start] if one else start)
     targets = states_of("target", [target] if one else target)
+    code = moving_of(moving, code, targets, least)
     if not isinstance(limits, Limits) and not is_sequence(limits):
         raise InputError("limits", limits, "must be a Limits or a list of one per axis")
     several = [limits] * len(starts) if isinstance(limits, Limits) else list(limits)
@@ -271,11 +290,11 @@ def plan(
 
 
 def _one(start: State, target: State, limits: Limits, T: float) -> Profile:
-    """The fast path: one axis, states built beforehand, no options."""
+    """One axis, states built beforehand, no options."""
     if limits.position is not None:
         check_target("target", target, limits, accelerated=True)
     made = _new(_PLAN)
-    status = lib.sj_plan_sample(T, start.memory, target.memory, limits.per_cycle(T), made)
+    status = _sample(T, start.memory, target.memory, limits.per_cycle(T), made)
     if status:
         fail(status, "target", target, limits)
     return Profile.of_c(made, T, start, target, limits.position)
@@ -340,10 +359,18 @@ def _axes(
             if one:  # an axis that cannot be planned alone
                 fail(one, f"target[{i}]", target, limit)
         fail(status, "target", targets, limits)
+    if code == lib.SJ_SYNC_MOVING:
+        targets = [_met(target, plans[i].slipped) for i, target in enumerate(targets)]
+        states = b"".join([state.memory for state in (*starts, *targets)])
     ranges = [limit.position for limit in limits]
     if single:
         return Profile.of_c(plans + 0, T, starts[0], targets[0], ranges[0], plans)
     return Motion(plans, T, n, states, ranges, mode[0])
+
+
+def _met(target: State, slipped: float) -> State:
+    """Where a target that moves on is met."""
+    return State(target.position + slipped, target.velocity) if slipped else target
 
 
 @overload
