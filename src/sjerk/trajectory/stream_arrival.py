@@ -25,8 +25,9 @@ _GOALS = 48
 class Arrival:
     """``pieces`` of one segment each, ``way`` (n, N) of their ``cycles`` to rest.
 
-    Of the goals looked at (g,), in the order of time: ``passed``, so many cycles from now; ``late``,
-    so many after they were due; ``deviation`` (g, N), so far off; ``ahead``, the goals behind each.
+    Of the goals looked at (g,), in the order of time: ``passed``, so many cycles from now, and
+    ``late``, so many after they were due; ``deviation`` (g, N), so far off; ``ahead``, how many
+    come behind each.
     """
 
     pieces: tuple[Followed, ...]
