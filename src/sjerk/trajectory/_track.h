@@ -1,7 +1,8 @@
 /* Where on a path: a window of its segments. */
 #pragma once
 #include <stdint.h>
-#include "trajectory/_following.h"
+#include "base/_types.h"
+#include "trajectory/_samples.h"
 
 enum { SJ_TRACK_NUMBERS = 131072, SJ_TRACK_SEGMENTS = 2048 };
 
