@@ -10,7 +10,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sjerk.errors import PlanError
-from sjerk.profile import FloatArray
+from sjerk.planner import plan
+from sjerk.profile import FloatArray, Limits, State
 from sjerk.trajectory.fastest import (
     NONE,
     at_pace,
@@ -41,6 +42,8 @@ _NEARLY = 0.05
 _MUCH = 0.4
 #: Where ten times the tolerance saves more than this share of a uniform stretch, it is noise.
 _NOISE = 0.05
+#: Shares of a way-point's velocity with which it is gone to.
+_SHARES = (1.0, 0.0)
 #: By how much a tolerance may be raised: by default to half of the fastest cycle, as times in whole
 #: cycles are wrong by.
 _RAISED = 10.0
@@ -132,7 +135,9 @@ class Timed:
         best: tuple[float, Knots, Answer] | None = None
         dense = len(asked) > len(self._knots(window.left, length, 1.0))
         gaps = np.diff(stops, prepend=0.0)
-        if self._passes(task, way, gaps, dense):
+        if window.state.moving and not len(window.begun) and task.end is not None:
+            best = self._entering(task, asked, window, way)
+        elif self._passes(task, way, gaps, dense):
             exact, best = self._smooth(task, asked, window, length, way)
             if exact is not None:
                 return exact
@@ -186,6 +191,37 @@ class Timed:
             if best is not None and best[0] <= 1.0:
                 break
         return None, best
+
+    def _entering(
+        self, task: Task, asked: FloatArray, window: Window, way: FloatArray
+    ) -> tuple[float, Knots, Answer] | None:
+        """From a state in motion: the first way-point as soon as a plan gets there, then on."""
+        assert task.least is not None
+        found = []
+        for share in _SHARES:
+            gaps = np.maximum(gaps_between(way, self._table), task.least)
+            gaps[0] = max(self._reach(task, way, gaps, share), task.least[0])
+            ends = np.cumsum(gaps)
+            start = self._start(task, ends[: len(asked)], window.left, int(np.ceil(ends[-1])))
+            if start.answer is not None:
+                found.append(start)
+        best = None
+        for start in sorted(found, key=lambda x: x.length):
+            made = self._finished(task, asked, start)
+            if made is not None and (best is None or made[1].duration < best[1].duration):
+                best = made
+        return best
+
+    def _reach(self, task: Task, way: FloatArray, gaps: FloatArray, share: float) -> float:
+        """Cycles to the first way-point, at a share of the velocity to the next one."""
+        velocity = np.zeros(way.shape[1])
+        if len(way) > 2:
+            velocity = share * (way[2] - way[1]) / gaps[1]
+        most = (1.0 - 1e-9) * self._table[:, 0]
+        targets = [State(*row) for row in zip(way[1], np.clip(velocity, -most, most))]
+        starts = [State(*row) for row in task.start.T.tolist()]
+        limits = [Limits(*row) for row in self._table.tolist()]
+        return float(plan(starts, targets, limits, 1.0, synchronization="time").cycles)
 
     def _raised(self, task: Task, dense: bool) -> FloatArray:
         """How far off a joint may be (J,) at most where that is noise."""
