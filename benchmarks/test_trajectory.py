@@ -170,8 +170,8 @@ def test_jerk_beside_interpolation(report: Any) -> None:
         "follow, its velocities": _positions(follow(way, PANDA, T)),
         "follow, velocities chosen": _positions(follow(way, PANDA, T, use_velocities=False)),
         "follow_path, no times": _positions(follow_path(way.position, PANDA, T)),
-        "follow_path, tolerance 0.01": _positions(
-            follow_path(way.position, PANDA, T, tolerance=0.01)
+        "follow_path, corridor 0.01": _positions(
+            follow_path(way.position, PANDA, T, corridor=0.01)
         ),
     }
     stops = sum(motion.cycles for motion in follow_stops(way.position, PANDA, T))
@@ -335,7 +335,7 @@ def test_dense_way_points(report: Any) -> None:
         taken = sum(int(block.cycles.sum()) for block in made.blocks) * T
         report.line(
             TABLE,
-            f"2 ms within {tolerance:g} rad, {len(way)} way-points: "
+            f"2 ms within {tolerance:g} rad: {len(made.kept)} of {len(way)} way-points met, "
             f"largest deviation {made.largest:.2g}, time {taken / way.duration:.3f} of the plan's",
         )
-        assert made.largest <= tolerance * (1 + 1e-6)
+        assert made.largest <= tolerance

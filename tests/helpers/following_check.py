@@ -1,8 +1,8 @@
 """Judges of followed trajectories that share no code with what they judge.
 
 `recording_keeps` looks at the recorded positions only; `rationals` integrates the jerks with the
-paper's equations over fractions; `commanded_at` tells positions between the samples from the
-segments.
+paper's equations over fractions; `dense` is the spline by one full linear system; `commanded_at`
+tells positions between the samples from the segments.
 """
 
 from __future__ import annotations
@@ -58,35 +58,77 @@ def phases(blocks: Sequence[Followed], joint: int) -> list[tuple[int, Fraction]]
     ]
 
 
-def rationals(blocks: Sequence[Followed], limit: Limits, joint: int) -> None:
-    """The jerks alone, from rest, over fractions: segments meet, limits kept, rest at the end."""
+def rationals(blocks: Sequence[Followed], way: Array, limit: Limits, joint: int) -> None:
+    """The jerks alone, from rest, over fractions: way-points met, limits kept, rest at the end."""
     cycle_time = Fraction(blocks[0].cycle_time)
-    ends = np.concatenate([blocks[0].position[:1, joint], *(b.position[1:, joint] for b in blocks)])
-    at = Sample(Fraction(float(ends[0])), Fraction(0), Fraction(0))
+    at = Sample(Fraction(float(way[0, joint])), Fraction(0), Fraction(0))
     P, V, A = at.plan()
     row = phases(blocks, joint)
-    near = 1e-9 * max(float(np.ptp(ends)), limit.velocity * float(cycle_time))
+    peaks = continuous(P, V, A, [(Fraction(n), jerk) for n, jerk in row])
     within = 1 + 1e-9
-    for (_, jerk), node in zip(
-        row, continuous(P, V, A, [(Fraction(n), jerk) for n, jerk in row]), strict=True
-    ):
+    for (_, jerk), node in zip(row, peaks, strict=True):
         assert abs(jerk) <= limit.jerk * float(cycle_time) ** 3 * within
         assert abs(node.A) <= limit.acceleration * float(cycle_time) ** 2 * within
         assert node.V_peak <= limit.velocity * float(cycle_time) * within
-    cycles = np.concatenate([[0], np.cumsum(np.concatenate([b.cycles for b in blocks]))]).tolist()
-    cycle, k = 0, 1
+    ends = np.cumsum(np.concatenate([block.cycles for block in blocks])).tolist()
+    cycle, point = 0, 1
     for n, jerk in row:
         for _ in range(n):
             at = at.step(jerk)
             cycle += 1
-            if cycle == cycles[k]:
-                assert abs(float(at.q) - ends[k]) <= near
-                k += 1
-    assert k == len(ends)
+            if cycle == ends[point - 1]:
+                assert abs(float(at.q - Fraction(float(way[point, joint])))) <= 1e-9
+                point += 1
+    assert point == len(way)
     end = at.step(Fraction(0))
-    assert abs(float(end.q) - ends[-1]) <= near
-    assert abs(float(end.v)) <= 1e-10 * limit.velocity
-    assert abs(float(end.a)) <= 1e-10 * limit.acceleration
+    assert abs(float(end.q - Fraction(float(way[-1, joint])))) <= 1e-9
+    assert abs(float(end.v)) <= 1e-12 * limit.velocity
+    assert abs(float(end.a)) <= 1e-12 * limit.acceleration
+
+
+def dense(cycles: Sequence[int], q: Array) -> tuple[list[int], Array]:
+    """The spline from rest to rest through q (n + 1,), by one full system: phases and jerks."""
+    n = len(cycles)
+    lengths: list[int] = []
+    ends = []
+    for i, N in enumerate(cycles):
+        if n == 1:
+            m = max(1, int((N - 1) / 4 + 0.5))
+            m = 1 if 2 * m + 1 > N - 1 else m
+            lengths += [m, N - 1 - 2 * m, m]
+        elif i == 0:
+            lengths += [N // 2, N - N // 2]
+        elif i == n - 1:
+            lengths += [(N - 1) // 2, (N - 1) - (N - 1) // 2]
+        else:
+            lengths += [N]
+        ends.append(len(lengths))
+    free = len(lengths)
+    rows, right = [], []
+    P, V, A = np.zeros(free), np.zeros(free), np.zeros(free)
+    done = 0
+    for p, m in enumerate(lengths):
+        J = np.eye(free)[p]
+        P, V, A = P + m * V + m * m / 2 * A + m**3 / 6 * J, V + m * A + m * m / 2 * J, A + m * J
+        if p + 1 == ends[done]:
+            done += 1
+            if done < n:
+                rows.append(P - V / 2 + A / 3 - J / 8)
+                right.append(q[done] - q[0])
+    rows += [P, V, A]
+    right += [q[n] - q[0], 0.0, 0.0]
+    return lengths, np.linalg.solve(np.array(rows), np.array(right))
+
+
+def excess(lengths: Sequence[int], jerk: Array, most: Sequence[float]) -> float:
+    """Largest use of a limit (velocity, acceleration, jerk per cycle) along phases from rest."""
+    V = A = 0.0
+    worst = 0.0
+    for m, J in zip(lengths, jerk.tolist(), strict=True):
+        peak = abs(V - A * A / (2 * J)) if J and 0 < -A / J < m else 0.0
+        V, A = V + m * A + m * m / 2 * J, A + m * J
+        worst = max(worst, abs(J) / most[2], abs(A) / most[1], max(abs(V), peak) / most[0])
+    return worst
 
 
 def commanded_at(blocks: Sequence[Followed], moments: Array) -> Array:

@@ -10,10 +10,7 @@ from numpy.typing import NDArray
 from helpers.following_check import PANDA, T, recording, toppra_plan
 from sjerk import Axis, Host, Limits, MotionKernel, Path, follow
 from sjerk.host import PathState
-from sjerk.trajectory.programme import Answer
-from sjerk.trajectory.segments import Followed, Knot
-from sjerk.trajectory.spline import Knots
-from sjerk.trajectory.window import Plan, Window
+from sjerk.trajectory.segments import Followed
 
 Array = NDArray[np.float64]
 ENDED = (
@@ -28,22 +25,6 @@ ENDED = (
 def blocks_of(seed: int = 0, period: float = 0.1) -> list[Followed]:
     """TOPP-RA's plan of the Panda's seven joints, followed."""
     return list(follow(toppra_plan(period, seed), PANDA, T, use_velocities=False))
-
-
-def regular(q: Array, cycles: int, names: Sequence[str] = ("a", "b")) -> Followed:
-    """From rest to rest near positions (n, N): a segment of so many cycles between each two.
-
-    A motion to test the kernel with, whose segments and way-points are the same: the control points
-    of its spline are the positions.
-    """
-    n, joints = q.shape
-    knots = Knots([cycles] * (n - 1))
-    window = Window(names[:joints], T, Knot.rest(q[0]))
-    window.add(q[1:], np.full(n - 1, float(cycles)))
-    control = np.concatenate([q[[0, 0, 0]], q[2:-2], q[[-1, -1, -1]]]) - q[0]
-    moments = np.append(knots.time[1:-1] + 0.5, knots.duration + 1.0)
-    answer = Answer(control, knots.time[1:-1], 1.0, 0.0)
-    return window.hand_out(Plan(knots, answer, moments, moments, True), np.inf)
 
 
 class Bench:

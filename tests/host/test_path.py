@@ -26,7 +26,6 @@ from helpers.path_check import (
     curve,
     keeps,
     recording,
-    regular,
 )
 from sjerk import (
     Axis,
@@ -42,7 +41,7 @@ from sjerk import (
 from sjerk.cycle.states import AxisState
 from sjerk.host import EventKind, PathState
 from sjerk.trajectory.joining import brake
-from sjerk.trajectory.segments import Followed, Knot, in_blocks, split
+from sjerk.trajectory.segments import Followed, Knot, split
 
 PLAN = blocks_of()
 SAMPLES = recording(PLAN)[0]
@@ -350,8 +349,9 @@ def test_a_goal_for_one_axis_takes_it_away() -> None:
 
 def test_where_segments_do_not_come_it_stops_on_the_path_and_goes_on() -> None:
     """Half of the path first: a stop on what is known, told; then the rest: bit for bit again."""
+    way = Trajectory(["a", "b"], 0.05 * np.arange(400), _wave(400, 2, 0.05, 0.5))
     limits = [Limits(2.0, 20.0, 500.0)] * 2
-    blocks = list(in_blocks(iter([regular(_wave(400, 2, 0.05, 0.5), 50)]), 100))
+    blocks = list(follow(way, limits, T, block=100, lookahead=40))
     expected, _ = recording(blocks)
     more = False
 
@@ -397,7 +397,10 @@ def test_a_splice_goes_on_along_other_segments(order: str) -> None:
     limits = [Limits(2.0, 20.0, 500.0)] * 2
     other = q.copy()
     other[120:, 0] += 0.1 * np.sin(np.linspace(0.0, np.pi, 80)) ** 2
-    one, two = ([regular(x, 50)] for x in (q, other))
+    one, two = (
+        list(follow(Trajectory(["a", "b"], 0.05 * np.arange(200), x), limits, T))
+        for x in (q, other)
+    )
     expected, _ = recording(two)
     bench = Bench(expected[0].tolist(), limits)
     path = bench.play(one)
@@ -427,7 +430,7 @@ def test_a_splice_between_way_points_goes_on_where_it_says() -> None:
     """Any cycle of the way ahead, also of the segment that is passed: no step, limits kept."""
     limits = [Limits(2.0, 20.0, 500.0)] * 2
     q = _wave(40, 2, 0.5, 0.5)
-    block = regular(q, 500)
+    (block,) = follow(Trajectory(["a", "b"], 0.5 * np.arange(40), q), limits, T)
     whole = block.sample().position
     rng = np.random.default_rng(3)
     for cycle, ahead in zip(rng.integers(600, 12_000, 8), rng.integers(8, 900, 8), strict=True):
@@ -459,7 +462,7 @@ def test_a_splice_between_way_points_goes_on_where_it_says() -> None:
 def test_a_place_that_is_passed_or_not_sent_is_refused_at_once() -> None:
     """Each names the field, the value and where the path is."""
     limits = [Limits(2.0, 20.0, 500.0)]
-    blocks = [regular(_wave(60, 1, 0.1), 100)]
+    blocks = list(follow(Trajectory(["a"], 0.1 * np.arange(60), _wave(60, 1, 0.1)), limits, T))
     bench = Bench(blocks[0].position[0].tolist(), limits)
     path = bench.play(blocks)
     bench.run(path, until=lambda: path.progress.point == 20)
@@ -477,7 +480,7 @@ def test_a_refused_splice_leaves_the_path_as_it_was(order: str, points: int) -> 
     """What was taken back is sent again, its speed and pause stay, every cycle is the plan's."""
     limits = [Limits(2.0, 20.0, 500.0)] * 2
     q = _wave(points, 2, 0.02, 0.02)
-    blocks = [regular(q, 20)]
+    blocks = list(follow(Trajectory(["a", "b"], 0.02 * np.arange(points), q), limits, T))
     expected, _ = recording(blocks)
     bench = Bench(expected[0].tolist(), limits)
     path = bench.play(blocks)
@@ -518,7 +521,7 @@ def test_a_splice_that_comes_too_late_is_refused() -> None:
     """What the kernel has set out for stays."""
     q = _wave(60, 1, 0.1, 0.5)
     limits = [Limits(2.0, 20.0, 500.0)]
-    blocks = [regular(q, 100)]
+    blocks = list(follow(Trajectory(["a"], 0.1 * np.arange(60), q), limits, T))
     expected, _ = recording(blocks)
     bench = Bench(expected[0].tolist(), limits)
     path = bench.play(blocks)
@@ -564,7 +567,7 @@ def test_a_splice_whose_segments_do_not_come_leaves_the_path_within_the_limits()
     """What is left is shorter than any stop on the path: each axis halts, told, jerk-limited."""
     q = _wave(60, 2, 0.1, 0.5)
     limits = [Limits(2.0, 20.0, 500.0)] * 2
-    blocks = [regular(q, 100)]
+    blocks = list(follow(Trajectory(["a", "b"], 0.1 * np.arange(60), q), limits, T))
     bench = Bench(q[0].tolist(), limits)
     path = bench.play(blocks)
     bench.run(path, until=lambda: len(bench.rows) > 2450 and path.progress.time > 0.088)

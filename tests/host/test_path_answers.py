@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from helpers.path_check import Bench, T, regular
+from helpers.path_check import Bench, T
 from sjerk import (
     Axis,
     Host,
@@ -21,10 +21,12 @@ from sjerk import (
     MotionStoppedError,
     Path,
     SupersededError,
+    Trajectory,
+    follow,
 )
 from sjerk._binding import lib
 from sjerk.host import EventKind, MoveState, PathState
-from sjerk.trajectory.segments import Followed, in_blocks
+from sjerk.trajectory.segments import Followed
 
 LIMITS = [Limits(2.0, 20.0, 500.0)] * 2
 
@@ -34,7 +36,7 @@ def plan(points: int = 60, joints: int = 2) -> list[Followed]:
     t = 0.1 * np.arange(points)
     wave = 0.2 * np.sin(t) * np.sin(np.pi * np.arange(points) / (points - 1)) ** 4
     names = [f"joint {k}" for k in range(joints)]
-    return [regular(np.column_stack([wave] * joints), 100, names)]
+    return list(follow(Trajectory(names, t, np.column_stack([wave] * joints)), LIMITS[:joints], T))
 
 
 def later() -> Iterator[None]:
@@ -130,7 +132,7 @@ def test_a_path_that_is_open_without_a_segment_is_answered(stop: str) -> None:
     """Its one segment is held back, since it may be the last: it has not begun, and ends."""
     bench = Bench([0.0, 0.0], LIMITS)
     source = Gate()
-    source.given.put(next(_pieces(1)))
+    source.given.put(next(follow(_trajectory(), LIMITS, T, block=1, lookahead=20)))
     path = bench.play(source)
     path.pump()
     bench.kernel.step(20)
@@ -186,7 +188,7 @@ def test_a_source_that_fails_on_the_way_in_an_own_loop_stops_the_path() -> None:
     """At rest on the path, and told by pump once."""
     bench = Bench([0.0, 0.0], LIMITS)
     source = Gate()
-    source.given.put(next(_pieces(20)))
+    source.given.put(next(iter(follow(_trajectory(), LIMITS, T, block=20, lookahead=20))))
     path = bench.play(source)
     bench.run(path, until=lambda: path.progress.point > 3)
     source.given.put(ValueError("no more"))
@@ -198,8 +200,9 @@ def test_a_source_that_fails_on_the_way_in_an_own_loop_stops_the_path() -> None:
         path.check()
 
 
-def _pieces(most: int) -> Iterator[Followed]:
-    return in_blocks(iter(plan(200)), most)
+def _trajectory() -> Trajectory:
+    (block,) = plan(200)
+    return Trajectory(block.joint_names, 0.1 * np.arange(200), block.position)
 
 
 @pytest.mark.parametrize("stop", [*STOPS, "source fails"])
@@ -253,11 +256,11 @@ def test_a_path_that_waits_for_its_turn_is_answered_once(stop: str) -> None:
     bench.kernel.step(20)
     bench.host.events()
     source = Gate()
-    source.given.put(next(_pieces(20)))
+    source.given.put(next(iter(follow(_trajectory(), LIMITS, T, block=20, lookahead=20))))
     path = bench.play(source)
     bench.kernel.step(20)
     act(bench.host, path)
-    blocks = _pieces(20)
+    blocks = follow(_trajectory(), LIMITS, T, block=20, lookahead=20)
     next(blocks)
     source.given.put(next(blocks))
     path.pump()

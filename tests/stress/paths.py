@@ -1,126 +1,144 @@
-"""Random motions through many points, judged: `./run stress paths [--runs N] [--seed S]`.
+"""Random paths without times, judged: `./run stress paths [--runs N] [--seed S]`.
 
-Four exams of N inputs each: ruckig's time-optimal motions sampled (own time, way-points near), the
-same way-points at five paces (never longer where less is asked), polylines without times (never
-slower than stopping, exact and near), and the shares of both. Limits are judged on the recorded
-positions. Exit status 0 if no motion failed, left a limit or broke a sentence above.
+Exams of N inputs each: polylines (never slower than stopping, exact, near and in a corridor), dense
+points of smooth curves beside TOPP-RA's time, which knows no jerk, and polylines with position limits
+on their turns. Limits are judged on the recorded positions. Exit status 0 if no motion failed, left a
+limit, a way-point or a corridor, or was slower than stopping; the share answered by stops is told.
 """
 
 from __future__ import annotations
 
 import argparse
-import itertools
 import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 from helpers.following_check import recording, recording_keeps
-from sjerk import Limits, PlanError, Trajectory, follow, follow_path, follow_stops
+from sjerk import Limits, PlanError, follow_path, follow_stops
 from sjerk.trajectory.segments import Followed
 
+T = 1e-3
 #: What an exam tells of one input: figures by name, of which 1 is a fault for those in FAULTS.
 Told = dict[str, float]
-FAULTS = ("failed", "limits", "late", "far", "longer", "slower")
+FAULTS = ("failed", "limits", "far", "outside", "slower than stops", "slower with a tolerance")
 
 
-def judged(blocks: list[Followed], limits: list[Limits], T: float) -> Told:
-    """Limits kept to 1e-9 by the differences of the recorded positions."""
+def judged(blocks: list[Followed], limits: list[Limits]) -> float:
+    """1 where a limit is left, by the differences of the recorded positions."""
+    position = recording(blocks)[0]
     try:
-        recording_keeps(recording(blocks)[0], limits, T)
+        recording_keeps(position, limits, T)
     except AssertionError:
-        return {"limits": 1.0}
-    return {"limits": 0.0}
+        return 1.0
+    low, high = np.array([limit.position or (-np.inf, np.inf) for limit in limits]).T
+    room = 1e-9 * np.ptp(position, axis=0)
+    return float(((position < low - room) | (position > high + room)).any())
 
 
 def cycles(blocks: list[Followed]) -> int:
     return sum(int(block.cycles.sum()) for block in blocks)
 
 
+def largest(blocks: list[Followed]) -> float:
+    return max(block.passed.largest for block in blocks)
+
+
 def drawn(rng: np.random.Generator, joints: int, unit: float) -> list[Limits]:
-    return [
-        Limits(
-            *(unit * 10.0 ** rng.uniform(*span) for span in ((-0.3, 0.7), (0.3, 1.3), (1.3, 2.8)))
-        )
-        for _ in range(joints)
-    ]
+    """Limits over a decade each; the time to full velocity from 0.05 to 10 s."""
+    spans = ((-0.3, 0.7), (0.3, 1.3), (1.3, 2.8))
+    return [Limits(*(unit * 10.0 ** rng.uniform(*span) for span in spans)) for _ in range(joints)]
 
 
-def own_time(rng: np.random.Generator) -> Told:
-    """Ruckig's motion at all of its limits: own time and two knots, way-points within 1e-6."""
-    import ruckig
-
-    joints, T, unit = int(rng.integers(1, 8)), 1e-3, 10.0 ** rng.uniform(-3.0, 3.0)
-    limits = drawn(rng, joints, unit)
-    otg, inp, made = ruckig.Ruckig(joints), ruckig.InputParameter(joints), ruckig.Trajectory(joints)
-    inp.current_position = rng.normal(size=joints) * unit
-    inp.target_position = rng.normal(size=joints) * unit
-    inp.max_velocity = [k.velocity for k in limits]
-    inp.max_acceleration = [k.acceleration for k in limits]
-    inp.max_jerk = [k.jerk for k in limits]
-    otg.calculate(inp, made)
-    dt = 10.0 ** rng.uniform(-3.0, -1.0)
-    t = np.append(np.arange(0.0, made.duration - dt / 2, dt), made.duration)
-    q = np.array([np.atleast_1d(made.at_time(float(x))[0]) for x in t])
-    way = np.ptp(q, axis=0)
-    blocks = list(follow(Trajectory([f"j{k}" for k in range(joints)], t, q), limits, T))
-    soft = min(k.acceleration / k.jerk for k in limits) / T
-    stop = max(k.velocity / k.acceleration + k.acceleration / k.jerk for k in limits) / T
-    knot = max(2.0, soft / 3.0, stop / 60.0)
-    late = cycles(blocks) - made.duration / T
-    far = max(float((np.abs(b.passed.deviation) / way).max()) for b in blocks)
-    exact = late <= 2.0 * knot + 1.0 and far <= 1e-6
-    rounded = late <= 1.0 and far <= 1e-4
-    return {
-        **judged(blocks, limits, T),
-        "late": float(late > 2.0 * knot + 1.0),
-        "far": float(far > 1.01e-4),
-        "as asked": float(exact or rounded),
-        "later, cycles": late,
-    }
-
-
-def five_paces(rng: np.random.Generator) -> Told:
-    """The same way-points at five paces: none takes longer when less is asked."""
-    joints, n, unit = int(rng.integers(1, 4)), int(rng.integers(3, 12)), 10.0 ** rng.uniform(-3, 3)
-    limits = drawn(rng, joints, unit)
-    q = np.cumsum(rng.normal(size=(n, joints)) * 0.3 * unit, axis=0)
-    t = np.concatenate([[0.0], np.cumsum(rng.uniform(0.05, 0.6, n - 1))])
-    names = [f"j{k}" for k in range(joints)]
-    told: Told = {"limits": 0.0}
-    taken = []
-    for pace in (3.0, 1.2, 1.0, 0.9, 0.5):
-        blocks = list(follow(Trajectory(names, t * pace, q), limits, 1e-3))
-        told["limits"] = max(told["limits"], judged(blocks, limits, 1e-3)["limits"])
-        taken.append(cycles(blocks))
-    rise = max(b / a for a, b in itertools.pairwise(taken)) - 1.0
-    return {**told, "longer": float(rise > 0.0), "longer, by share": max(rise, 0.0)}
+def from_lines(position: np.ndarray, path: np.ndarray) -> float:
+    """The largest distance of any position from the nearest of the lines between way-points."""
+    nearest = np.full(len(position), np.inf)
+    for one, two in zip(path[:-1], path[1:], strict=True):
+        way = two - one
+        along = np.clip((position - one) @ way / (way @ way), 0.0, 1.0)
+        off = np.linalg.norm(position - one - along[:, None] * way, axis=1)
+        nearest = np.minimum(nearest, off)
+    return float(nearest.max())
 
 
 def polyline(rng: np.random.Generator) -> Told:
-    """Exact, and within a per cent: never slower than stopping at every point."""
-    joints, n, unit = int(rng.integers(1, 4)), int(rng.integers(3, 9)), 10.0 ** rng.uniform(-3, 3)
+    """Exact, within a per cent at the way-points, within a per cent of the lines; beside stops."""
+    joints, n, unit = int(rng.integers(1, 8)), int(rng.integers(3, 9)), 10.0 ** rng.uniform(-3, 3)
     limits = drawn(rng, joints, unit)
     path = rng.normal(size=(n, joints)) * unit
-    stops = sum(motion.cycles + 1 for motion in follow_stops(path, limits, 1e-3))
-    exact = list(follow_path(path, limits, 1e-3))
-    near = list(follow_path(path, limits, 1e-3, tolerance=0.01 * np.ptp(path, axis=0)))
-    still = sum(len(block) for block in exact) > 0 and _stops_at_points(exact)
+    width = 0.01 * float(np.linalg.norm(np.ptp(path, axis=0)))
+    stops = sum(motion.cycles + 1 for motion in follow_stops(path, limits, T))
+    exact = list(follow_path(path, limits, T))
+    near = list(follow_path(path, limits, T, tolerance=0.01 * np.ptp(path, axis=0)))
+    inside = list(follow_path(path, limits, T, corridor=width))
+    every = (exact, near, inside)
     return {
-        "limits": max(judged(b, limits, 1e-3)["limits"] for b in (exact, near)),
-        "slower": float(cycles(exact) > stops or cycles(near) > stops),
+        "limits": max(judged(blocks, limits) for blocks in every),
+        "slower than stops": float(max(map(cycles, every)) > stops),
         "slower with a tolerance": float(cycles(near) > 1.002 * cycles(exact)),
-        "far": float(max(b.passed.largest for b in exact) > 1e-6 * np.ptp(path)),
+        "far": float(largest(exact) > 1e-6 * np.ptp(path)),
+        "outside": float(from_lines(recording(inside)[0], path) > width * (1.0 + 1e-9)),
         "exact / stops": cycles(exact) / stops,
         "near / exact": cycles(near) / cycles(exact),
-        "answered by stops": float(still),
+        "corridor / stops": cycles(inside) / stops,
+        "answered by stops": float(_by_stops(exact)),
+        "corridor answered by stops": float(_by_stops(inside)),
     }
 
 
-def _stops_at_points(blocks: list[Followed]) -> bool:
+def turning(rng: np.random.Generator) -> Told:
+    """The ranges of the joints are those of the way-points: each turns on a limit."""
+    joints, n, unit = int(rng.integers(1, 4)), int(rng.integers(3, 7)), 10.0 ** rng.uniform(-3, 3)
+    free = drawn(rng, joints, unit)
+    path = rng.normal(size=(n, joints)) * unit
+    limits = [
+        Limits(one.velocity, one.acceleration, one.jerk, position=(x.min(), x.max()))
+        for one, x in zip(free, path.T, strict=True)
+    ]
+    stops = sum(motion.cycles + 1 for motion in follow_stops(path, limits, T))
+    held, other = list(follow_path(path, limits, T)), list(follow_path(path, free, T))
+    return {
+        "limits": judged(held, limits),
+        "slower than stops": float(cycles(held) > stops),
+        "far": float(largest(held) > 1e-6 * np.ptp(path)),
+        "with limits / without": cycles(held) / cycles(other),
+        "answered by stops": float(_by_stops(held)),
+    }
+
+
+def curve(rng: np.random.Generator) -> Told:
+    """Points of a smooth closed curve, two to seven joints: beside TOPP-RA on a spline of them."""
+    import toppra
+
+    joints, n = int(rng.integers(2, 8)), int(rng.integers(30, 120))
+    limits = drawn(rng, joints, 1.0)
+    angle = np.linspace(0.0, 2.0 * np.pi, n)
+    path = np.zeros((n, joints))
+    for order in (1, 2, 3):
+        wave = rng.normal(size=(2, joints)) / order**2
+        path += np.outer(np.cos(order * angle), wave[0]) + np.outer(np.sin(order * angle), wave[1])
+    most = [np.array([getattr(k, name) for k in limits]) for name in ("velocity", "acceleration")]
+    bounds = (toppra.constraint.JointVelocityConstraint, toppra.constraint.JointAccelerationConstraint)
+    rows: list[Any] = [of(np.column_stack([-x, x])) for of, x in zip(bounds, most, strict=True)]
+    spline = toppra.SplineInterpolator(np.linspace(0.0, 1.0, n), path)
+    timed = toppra.algorithm.TOPPRA(rows, spline).compute_trajectory(0.0, 0.0)
+    blocks = list(follow_path(path, limits, T))
+    near = list(follow_path(path, limits, T, tolerance=1e-3 * np.ptp(path, axis=0)))
+    return {
+        "limits": max(judged(made, limits) for made in (blocks, near)),
+        "far": float(largest(blocks) > 1e-4 * np.ptp(path)),
+        "slower with a tolerance": float(cycles(near) > 1.002 * cycles(blocks)),
+        "exact / TOPP-RA": cycles(blocks) * T / timed.duration,
+        "within 1e-3 / TOPP-RA": cycles(near) * T / timed.duration,
+        "answered by stops": float(_by_stops(blocks)),
+    }
+
+
+def _by_stops(blocks: list[Followed]) -> bool:
     """Whether the motion rests in each of its way-points, as the fallback does."""
     ends = np.concatenate([block.first_cycle + np.cumsum(block.cycles) for block in blocks])
     speed = np.concatenate([np.abs(block.velocity[1:]).max(axis=1) for block in blocks])
@@ -130,9 +148,9 @@ def _stops_at_points(blocks: list[Followed]) -> bool:
 
 
 EXAMS: dict[str, Callable[[np.random.Generator], Told]] = {
-    "own time": own_time,
-    "five paces": five_paces,
     "polyline": polyline,
+    "turning": turning,
+    "curve": curve,
 }
 
 

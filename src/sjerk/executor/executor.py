@@ -434,11 +434,11 @@ class TrajectoryExecutor:
             np.array([getattr(axis, name) for axis in axes])
             for name in ("position", "actual_position", "velocity", "actual_velocity")
         ]
-        ahead = min(max(self._sequencer.ahead(progress), 0), len(plan.chosen) - 1)
+        i = min(max(progress.point - self._sequencer.first, 0), len(plan.points) - 1)
         return GoalFeedback(
             goal.progress.trajectory.joint_names,
             plan.offset + self._sequencer.time(progress),
-            int(plan.chosen[ahead]),
+            int(plan.points[i]),
             progress.speed,
             rows[0],
             rows[1],

@@ -60,13 +60,6 @@ class History:
                 return block.first_cycle + int(block.cycles[: point - first].sum())
         return 0
 
-    def ahead(self, point: int) -> int:
-        """The way-point ahead in the segment that ends at this one."""
-        for first, block in list(self._pieces):
-            if first <= point < first + len(block):
-                return int(block.ahead[point - first])
-        return int(self._pieces[-1][1].ahead[-1]) if self._pieces else 0
-
     def find(self, point: int, cycle: float, ahead: float) -> Cut | None:
         """The place so many cycles ``ahead`` of ``cycle`` cycles on the way to a way-point.
 

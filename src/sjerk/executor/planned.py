@@ -5,7 +5,7 @@ Never here: playing, watching, codes of results.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from sjerk.executor.sequencer import counted
 from sjerk.host import Feedback
 from sjerk.trajectory import ExecutionMode, FaultKind, Trajectory, TrajectoryError, resample
 from sjerk.trajectory.entering import Entered, Entry
-from sjerk.trajectory.segments import Knot
+from sjerk.trajectory.segments import IntArray, Knot
 
 
 @dataclass(eq=False)
@@ -24,8 +24,8 @@ class PlannedGoal:
     """How the motion of a goal is planned: of its axes in ascending order, along its way-points.
 
     ``joint_axes``: axis numbers in the trajectory's order of joints. ``chosen`` (m,): which of its
-    way-points; ``offset`` (s): of its time that was over at the begin; ``stretch``: cycles more
-    than asked for, of what was planned last.
+    way-points; ``offset`` (s): of its time that was over at the begin; ``points``: the way-point
+    ahead in each segment of what was planned last; ``stretch``: cycles more than asked for, of it.
     """
 
     joint_axes: list[int]
@@ -37,6 +37,7 @@ class PlannedGoal:
     single: bool
     offset: float = 0.0
     stretch: int = 0
+    points: IntArray = field(default_factory=lambda: np.zeros(1, dtype=np.int64))
 
     def enter(self, knot: Knot, begins: float) -> Entered:
         """From a state, at a time of the clock."""
@@ -45,6 +46,7 @@ class PlannedGoal:
         elapsed = begins - self.stamp if self.stamp else 0.0
         last = self.way_points.time[-1]
         made = self.entry.enter(self.way_points, knot, last if self.single else elapsed)
+        self.points = self.chosen[made.points]
         made.blocks = counted(made.blocks, self._lose)
         return made
 

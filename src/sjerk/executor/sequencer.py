@@ -74,10 +74,6 @@ class Sequencer:
             return 0.0
         return self._history.passed(progress.point) * self._T + progress.time
 
-    def ahead(self, progress: Progress) -> int:
-        """The way-point ahead of the newest motion, in its trajectory's numbers."""
-        return self._history.ahead(max(progress.point, self.first))
-
     def other(self, frame: Feedback) -> PathFeedback | None:
         """The path of another hand that the kernel has in play; None: there is none."""
         path, mine = frame.path, [self.path, *(self._before or ())[:1]]

@@ -1,8 +1,7 @@
 /* Where on a path: a window of its segments. */
 #pragma once
 #include <stdint.h>
-#include "base/_types.h"
-#include "trajectory/_samples.h"
+#include "trajectory/_following.h"
 
 enum { SJ_TRACK_NUMBERS = 131072, SJ_TRACK_SEGMENTS = 2048 };
 

@@ -1,36 +1,46 @@
 """Ways onto a trajectory: from rest or in motion, onto its way-points whose time is not over.
 
-``Entry.enter`` makes one motion of the state that is reached and the way-points that are left;
-``docs/explanation/trajectories.md``. Never here: shared memory, drives.
+``Entry.enter`` chooses among the spline from the state that is reached and planned motions to the
+first way-point ahead; ``docs/explanation/trajectories.md``. Never here: shared memory, drives.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sjerk.errors import InputError, PlanError
 from sjerk.profile import FloatArray, Limits
-from sjerk.trajectory.following import follow
+from sjerk.trajectory.faults import TrajectoryError
+from sjerk.trajectory.following import BLOCK, follow
 from sjerk.trajectory.joining import join
-from sjerk.trajectory.segments import Followed, Knot, dwell
+from sjerk.trajectory.segments import Followed, IntArray, Knot, dwell
+from sjerk.trajectory.thinning import follow_within
 from sjerk.trajectory.trajectory import Trajectory
 
 #: Closer to its first way-point a motion needs no ramp; axis units.
 _THERE = 1e-9
+#: Way-points, and seconds of them, by which ways onto a trajectory are compared.
+_HEAD, _SECONDS = 64, 1.0
+#: Way-points handed out at a time where the motion before does not wait for them.
+_BLOCK = 512
+#: Shares of a way-point's velocity to pass it with.
+_SHARES = (1.0, 0.75, 0.5, 0.25, 0.0)
 
 
 @dataclass(eq=False)
 class Entered:
     """A motion onto a trajectory and along it.
 
-    ``blocks``: segments, numbered from 0 on; ``ahead`` and ``passed`` count the trajectory's own
-    way-points.
+    ``blocks``: segments, numbered from 0 on; ``points`` (m,): for each of them, which way-point of
+    the trajectory is ahead.
     """
 
     blocks: Iterator[Followed]
+    points: IntArray
 
 
 @dataclass(frozen=True)
@@ -53,93 +63,142 @@ class Entry:
         >>> way = Trajectory(["a"], [0.0, 0.5, 1.0], [[0.0], [0.02], [0.03]])
         >>> entry = Entry([Limits(2.0, 4.0, 50.0)], 1e-3)
         >>> made = entry.enter(way, Knot.rest([0.0]), 0.25)
-        >>> blocks = list(made.blocks)
-        >>> sum(int(block.cycles.sum()) for block in blocks), blocks[0].passed.point.tolist()
+        >>> sum(int(block.cycles.sum()) for block in made.blocks), made.points.tolist()
         (750, [1, 2])
         """
         due = elapsed + 1.5 * self.cycle_time if knot.moving else max(elapsed, 0.0)
         first = min(int(np.searchsorted(way.time, due)), len(way) - 1)
         left = way.take(np.arange(first, len(way)))
         ahead = float(left.time[0]) - elapsed
-        blocks = (self._in_motion if knot.moving else self._from_rest)(left, knot, ahead)
-        return Entered(_numbered(blocks, way.joint_names, first))
+        made = (self._in_motion if knot.moving else self._from_rest)(left, knot, ahead)
+        return Entered(_numbered(made.blocks, way.joint_names), made.points + first)
 
-    def _from_rest(self, left: Trajectory, knot: Knot, ahead: float) -> Iterator[Followed]:
+    def _from_rest(self, left: Trajectory, knot: Knot, ahead: float) -> Entered:
         T = self.cycle_time
         if (np.abs(left.position[0] - knot.position) <= _THERE).all():
             wait = dwell(knot.position, int(ahead / T), T) if ahead >= T else None
-            return self._led(wait, left, knot)
+            if len(left) == 1 or left.time[1] - left.time[0] < 2.0 * T:
+                return self._led(wait, left, knot)
+            there = replace(knot, position=left.position[0])
+            onward = left.take(np.arange(1, len(left)))
+            made = self._in_motion(onward, there, float(left.time[1] - left.time[0]))
+            if wait is None:
+                return Entered(made.blocks, made.points + 1)
+            blocks = itertools.chain([wait], made.blocks)
+            return Entered(blocks, np.concatenate([np.zeros(len(wait), int), made.points + 1]))
         if ahead >= 2.0 * T:
             return self._in_motion(left, knot, ahead)
         ramp = join(knot, left.position[0], self.limits, T)
         return self._led(ramp, left, Knot.of(ramp))
 
-    def _in_motion(self, left: Trajectory, knot: Knot, ahead: float) -> Iterator[Followed]:
-        """Straight from the state; the first way-point in its time, or as soon as it can be."""
-        moments = left.time - left.time[0] + max(ahead, self.cycle_time)
-        position = np.vstack([knot.position, left.position])
-        return self._along(
-            left.joint_names, np.concatenate([[0.0], moments]), position, left.velocity, knot, -1
-        )
+    def _in_motion(self, left: Trajectory, knot: Knot, ahead: float) -> Entered:
+        """The way on which the next way-points are passed soonest; by trial on those only."""
+        near = int(np.searchsorted(left.time, left.time[0] + _SECONDS, side="right"))
+        short = left.take(np.arange(min(max(near, _HEAD), len(left))))
+        soonest = ahead + short.duration + 3.0 * self.cycle_time
+        best: tuple[float, _Way] | None = None
+        for way in self._ways(left, knot, ahead):
+            try:
+                blocks = list(way(short).blocks)
+            except (PlanError, InputError, TrajectoryError):
+                continue
+            taken = sum(int(block.cycles.sum()) for block in blocks) * self.cycle_time
+            if (best is None or taken < best[0]) and self._stays(blocks):
+                best = taken, way
+                if taken <= soonest:
+                    break
+        if best is None:
+            raise PlanError("the state in motion leaves no way onto the trajectory")
+        return best[1](left)
 
-    def _led(self, leading: Followed | None, left: Trajectory, state: Knot) -> Iterator[Followed]:
+    def _ways(self, left: Trajectory, knot: Knot, ahead: float) -> Iterator[_Way]:
+        """What to try: the spline through all, or a motion to the first one and on from there."""
+        T = self.cycle_time
+        if ahead >= 2.0 * T and len(left) > 1:
+            yield lambda way: self._splined(way, knot, ahead)
+        velocity, least = self._velocity(left), max(0, round(ahead / T))
+        for share in _SHARES if velocity.any() else (0.0,):
+            ramp = join(
+                knot,
+                left.position[0],
+                self.limits,
+                T,
+                velocity=share * velocity if share else None,
+                least=least,
+            )
+            ramp.stretch[-1] = int(ramp.cycles.sum()) - least
+            yield lambda way, ramp=ramp: self._led(ramp, way, Knot.of(ramp))  # type: ignore[misc]
+
+    def _velocity(self, left: Trajectory) -> FloatArray:
+        """With which the first of these way-points is passed, if the limits allow."""
+        if len(left) == 1:
+            return np.zeros(left.position.shape[1])
+        if self.use_velocities and left.velocity is not None:
+            wanted = left.velocity[0]
+        else:
+            wanted = (left.position[1] - left.position[0]) / (left.time[1] - left.time[0])
+        most = np.array([limit.velocity for limit in self.limits]) * (1.0 - 1e-9)
+        return np.asarray(np.clip(wanted, -most, most))
+
+    def _stays(self, blocks: Sequence[Followed]) -> bool:
+        ranges = [limit.position or (-np.inf, np.inf) for limit in self.limits]
+        if not np.isfinite(ranges).any():
+            return True
+        low, high = np.array(ranges).T
+        rows = [replace(block, first=1).sample().position for block in blocks]
+        return all(bool(((row >= low) & (row <= high)).all()) for row in rows)
+
+    def _splined(self, left: Trajectory, knot: Knot, ahead: float) -> Entered:
+        """The first way-point in its time, straight from the state."""
+        moments = np.concatenate([[0.0], left.time - left.time[0] + ahead])
+        velocity = (
+            None if left.velocity is None else np.vstack([0.0 * knot.position, left.velocity])
+        )
+        position = np.vstack([knot.position, left.position])
+        return self._along(Trajectory(left.joint_names, moments, position, velocity), knot, -1)
+
+    def _led(self, leading: Followed | None, left: Trajectory, state: Knot) -> Entered:
         """A motion to the first way-point, then along the others."""
         if leading is None and len(left) == 1:
             leading = dwell(state.position, 1, self.cycle_time)
+        points = np.zeros(0 if leading is None else len(leading), dtype=np.int64)
         before = iter(() if leading is None else (leading,))
         if len(left) == 1:
-            return before
+            return Entered(before, points)
         position = np.vstack([state.position, left.position[1:]])
-        velocity = None if left.velocity is None else left.velocity[1:]
-        moments = left.time - left.time[0]
-        return itertools.chain(
-            before, self._along(left.joint_names, moments, position, velocity, state, 0)
-        )
+        velocity = None if left.velocity is None else left.velocity.copy()
+        if velocity is not None:
+            velocity[0] = 0.0  # the state counts
+        body = Trajectory(left.joint_names, left.time - left.time[0], position, velocity)
+        made = self._along(body, state, 0)
+        return Entered(itertools.chain(before, made.blocks), np.concatenate([points, made.points]))
 
-    def _along(
-        self,
-        names: tuple[str, ...],
-        moments: FloatArray,
-        position: FloatArray,
-        velocity: FloatArray | None,
-        state: Knot,
-        shift: int,
-    ) -> Iterator[Followed]:
-        """From the state at its first point to rest; ``shift`` to the numbers of the trajectory."""
-        if velocity is not None:  # the state counts, and rest
-            velocity = np.vstack([0.0 * position[:1], velocity])
-            velocity[-1] = 0.0
-        for block in follow(
-            Trajectory(names, moments, position, velocity),
+    def _along(self, body: Trajectory, state: Knot, shift: int) -> Entered:
+        """From the state at its first point; ``shift`` to the numbers of the trajectory."""
+        begin = state if state.moving else None
+        if self.tolerance:
+            near = follow_within(
+                body, self.limits, self.cycle_time, tolerance=self.tolerance, begin=begin
+            )
+            return Entered(iter(near.blocks), near.kept[1:] + shift)
+        blocks = follow(
+            body,
             self.limits,
             self.cycle_time,
-            tolerance=self.tolerance or None,
             use_velocities=self.use_velocities,
-            begin=state if state.moving else None,
-        ):
-            own = replace(block.passed, point=block.passed.point + shift)
-            yield replace(block, ahead=block.ahead + shift, passed=own)
-
-
-def _numbered(blocks: Iterator[Followed], names: tuple[str, ...], first: int) -> Iterator[Followed]:
-    """Blocks that follow each other as one motion, way-points as the whole trajectory has them."""
-    segment = cycle = 0
-    for block in blocks:
-        passed = block.passed
-        moment = passed.moment + (cycle - block.first_cycle) * block.cycle_time
-        own = passed.point >= 0
-        yield replace(
-            block,
-            joint_names=names,
-            first=segment,
-            first_cycle=cycle,
-            ahead=block.ahead + first,
-            passed=replace(
-                passed,
-                point=passed.point[own] + first,
-                moment=moment[own],
-                deviation=passed.deviation[own],
-            ),
+            block=BLOCK if begin is None else _BLOCK,
+            begin=begin,
         )
-        segment += len(block)
+        return Entered(blocks, np.arange(1, len(body)) + shift)
+
+
+_Way = Callable[[Trajectory], Entered]
+
+
+def _numbered(blocks: Iterator[Followed], names: tuple[str, ...]) -> Iterator[Followed]:
+    """Blocks that follow each other as one motion."""
+    first = cycle = 0
+    for block in blocks:
+        yield replace(block, joint_names=names, first=first, first_cycle=cycle)
+        first += len(block)
         cycle += int(block.cycles.sum())

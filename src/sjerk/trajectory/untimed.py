@@ -19,6 +19,7 @@ from sjerk.planner import Motion, plan
 from sjerk.profile import FloatArray, Limits
 from sjerk.trajectory.corridor import Corridor
 from sjerk.trajectory.fastest import NONE, fastest, feasible, in_cycles, resolution
+from sjerk.trajectory.following import limits_per_cycle
 from sjerk.trajectory.joining import stops_of
 from sjerk.trajectory.parameterization import moments_of, stops_between
 from sjerk.trajectory.programme import Answer, Task
@@ -30,7 +31,6 @@ from sjerk.trajectory.window import (
     LOOKAHEAD,
     Plan,
     Window,
-    limits_per_cycle,
     ranges,
     stop_of,
     tolerances,
@@ -61,8 +61,8 @@ def follow_path(
     ``points`` (n, N). Way-points are met exactly, or within ``tolerance`` (axis units, one for all
     or one per joint); between them the way is free, unless there is a ``corridor``: then the
     commanded motion stays within this distance (Euclidean) of the straight lines between the
-    way-points. For exact stops at every point, on the lines, see ``follow_stops``; a path that fits
-    into one window is never slower than that. ``limits``: one per joint, or one for all. ``passed``
+    way-points. Two way-points are a straight line. For exact stops at every point, on the lines, see
+    ``follow_stops``; a path that fits into one window is never slower than that. ``limits``: one per joint, or one for all. ``passed``
     of the blocks says when and how near each way-point is passed; ``stretch`` is 0. Way-points
     denser than knots can meet are passed as near as they can. Memory is that of a window of twice
     ``lookahead`` stops (V/A + A/J of the slowest joint); ``block``: most segments at a time.
@@ -144,6 +144,9 @@ def _windows(
     lookahead: float,
 ) -> Iterator[Followed]:
     table = limits_per_cycle(limits, T)
+    if len(kept) == 2:  # the straight line, as ``plan`` goes it
+        yield stops_of(names, list(_stops(path, limits, T)), path, kept)
+        return
     stop = stop_of(table)
     window = Window(names, T, Knot.rest(path[0]))
     planner = Untimed(table, ranges(limits), tolerance, np.ptp(path, axis=0), corridor)

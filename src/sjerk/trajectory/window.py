@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sjerk.errors import InputError
-from sjerk.limits import jerk_limited
 from sjerk.profile import FloatArray, Limits
 from sjerk.trajectory.fastest import places
 from sjerk.trajectory.programme import Answer
@@ -26,23 +25,6 @@ LOOKAHEAD, HAND_OUT = 5.0, 5.0
 KEPT = 2.0
 #: The tolerance of way-points, where none is given: of a joint's way and of its fastest cycle.
 WAY_SHARE, CYCLE_SHARE = 1e-4, 0.05
-
-
-def limits_per_cycle(limits: Sequence[Limits], T: float) -> FloatArray:
-    """Velocity, acceleration and jerk per cycle (N, 3), the smaller ones of driving and braking.
-
-    Raises ``InputError`` where a jerk is infinite.
-    """
-    return np.array(
-        [
-            (
-                limit.velocity * T,
-                min(limit.acceleration, limit.braking[0]) * T**2,
-                min(limit.jerk, limit.braking[1]) * T**3,
-            )
-            for limit in jerk_limited(limits)
-        ]
-    )
 
 
 def tolerances(tolerance: float | ArrayLike | None, joints: int) -> FloatArray | None:
