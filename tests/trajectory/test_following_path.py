@@ -95,7 +95,7 @@ def test_points_on_one_line_cost_nothing(between: list[float]) -> None:
     assert cycles(whole(path, [limits])[0]) <= 1.01 * plan(0.0, 10.0, limits, T).cycles
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(3))
 def test_never_slower_than_stopping_and_never_slower_with_a_tolerance(seed: int) -> None:
     """Random polylines: exact, within a per cent at the points, within a per cent of the lines."""
     rng = np.random.default_rng(seed)
@@ -114,7 +114,7 @@ def test_never_slower_than_stopping_and_never_slower_with_a_tolerance(seed: int)
     assert gap(position, path).max() <= width * (1 + 1e-9)
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", range(1))
 def test_through_every_point_as_fast_as_bang_bang(seed: int) -> None:
     """The points of a TOPP-RA plan, without its times: its time, with limited jerk."""
     plan_ = toppra_plan(0.1, seed)
@@ -125,7 +125,7 @@ def test_through_every_point_as_fast_as_bang_bang(seed: int) -> None:
 
 def test_windows_of_random_points_with_constant_memory() -> None:
     """Many points from one stop to the next and further: every one met, across all borders."""
-    path = walk(120, 2, 1.0, 1)
+    path = walk(70, 2, 1.0, 1)
     blocks, _ = whole(path, PANDA[:2])
     assert len(blocks) > 3
     assert largest(blocks) <= 1e-6
