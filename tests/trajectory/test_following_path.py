@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import Any
 
 import numpy as np
@@ -17,8 +18,9 @@ from helpers.following_check import (
     recording_keeps,
     toppra_plan,
 )
-from sjerk import InputError, Limits, follow_path, follow_stops, plan
+from sjerk import InputError, Limits, PlanError, follow_path, follow_stops, plan
 from sjerk.trajectory.segments import Followed
+from sjerk.trajectory.untimed import Untimed
 
 ROBOT = Limits(velocity=2.0, acceleration=4.0, jerk=500.0)
 CIRCLE = np.linspace(0.0, 2.0 * np.pi, 106)
@@ -125,9 +127,9 @@ def test_through_every_point_as_fast_as_bang_bang(seed: int) -> None:
 
 def test_windows_of_random_points_with_constant_memory() -> None:
     """Many points from one stop to the next and further: every one met, across all borders."""
-    path = walk(70, 2, 1.0, 1)
+    path = walk(50, 2, 1.0, 1)
     blocks, _ = whole(path, PANDA[:2])
-    assert len(blocks) > 3
+    assert len(blocks) > 1
     assert largest(blocks) <= 1e-6
     assert cycles(blocks) < 0.95 * stops(path, PANDA[:2])
 
@@ -142,7 +144,7 @@ def test_it_slows_down_for_what_lies_far_ahead() -> None:
 @pytest.mark.parametrize("width", [0.003, 0.03])
 def test_a_corridor_holds_between_the_points_too(width: float) -> None:
     """Random lines in three joints: within the corridor everywhere, faster than stops."""
-    path = walk(9, 3, 0.6, 2)
+    path = walk(5, 3, 0.6, 2)
     blocks, position = whole(path, PANDA[:3], corridor=width)
     assert gap(position, path).max() <= width * (1 + 1e-9)
     assert cycles(blocks) < stops(path, PANDA[:3])
@@ -157,6 +159,29 @@ def test_turning_on_a_position_limit_costs_nothing(limits: tuple[float, float, f
     assert position.max() <= 2.0 + 1e-12
     assert position.min() >= -1e-12
     assert cycles(blocks) <= 1.015 * cycles(whole(path, [free])[0])
+
+
+@pytest.mark.parametrize("lost", [0, 1])
+def test_where_no_motion_is_found_it_stops_and_goes_on(
+    lost: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A planner that gives up from a window on: every way-point is met, with a rest at each."""
+    path, plans, found = walk(50, 2, 1.0, 1), 0, Untimed.plan
+
+    def fails(self: Untimed, window: Any) -> Any:
+        nonlocal plans
+        plans += 1
+        if plans > lost:
+            raise PlanError("nothing is found")
+        return found(self, window)
+
+    monkeypatch.setattr(Untimed, "plan", fails)
+    blocks, _ = whole(path, PANDA[:2])
+    assert plans > lost
+    assert cycles(blocks) <= stops(path, PANDA[:2])
+    for one, two in itertools.pairwise(blocks):
+        assert two.first == one.first + len(one)
+        assert two.first_cycle == one.first_cycle + one.cycles.sum()
 
 
 def test_exact_stops_are_on_the_lines() -> None:
@@ -199,7 +224,7 @@ def test_nothing_to_do_and_nothing_usable() -> None:
             follow_path([[0.0], [1.0]], [ROBOT], T, **how)
 
 
-@pytest.mark.parametrize("size", [5e-324, 4.7e-283, 1e-160, 1e-100, 1e-30, 1e-14])
+@pytest.mark.parametrize("size", [5e-324, 1e-160, 1e-14])
 @pytest.mark.filterwarnings("error")
 def test_ways_of_nearly_nothing(size: float) -> None:
     """Ways down to the smallest number there is are ways: no overflow, the end exact."""

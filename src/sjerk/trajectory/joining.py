@@ -171,7 +171,7 @@ def stops_of(
     names: Sequence[str], motions: Sequence[Motion], path: FloatArray, kept: IntArray
 ) -> Followed:
     """Motions from stop to stop as one; ``kept`` (m + 1,): their way-points among ``path``."""
-    knot, parts, T = Knot.rest(path[0]), [], motions[0].cycle_time
+    knot, parts, T = Knot.rest(path[kept[0]]), [], motions[0].cycle_time
     for motion, point in zip(motions, kept[1:], strict=True):
         parts.append(_followed(knot, motion.profiles, T, names, rest=path[point]))
         knot = Knot.of(parts[-1])

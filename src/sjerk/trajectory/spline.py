@@ -164,7 +164,7 @@ def spread(moments: FloatArray, cycles: int, sizes: FloatArray) -> IntArray:
     Lengths grow gently from one to the other; none is below 2 but for rounding.
 
     >>> spread(np.array([8.0, 16.0]), 100, np.array([4.0, 4.0, 20.0])).tolist()
-    [4, 4, 4, 4, 6, 9, 12, 18, 19, 20]
+    [4, 4, 4, 4, 5, 8, 13, 19, 19, 20]
     """
     at = np.concatenate([[0.0], moments, [float(cycles)]])
     size = np.maximum(sizes, 2.0)

@@ -159,8 +159,11 @@ def _windows(
         try:
             found = planner.plan(window)
         except (PlanError, InputError):
-            if window.remainder is None:
-                raise
+            if window.remainder is None:  # at rest: from stop to stop there is always a way
+                some = kept[window.next_point - 1 : window.next_point + len(window)]
+                rests = list(_stops(path[some], limits, T))
+                yield window.stopped(stops_of(names, rests, path, some))
+                continue
             found = window.remainder  # to rest, as it was planned before
         else:
             if not ends:

@@ -144,7 +144,7 @@ class Window:
             lengths[-1, 1] = 1
             taken[-1] += 1
             before[-1] = v[-1] = a[-1] = 0.0
-            end = self.points[-1] if plan.rests else self.state.position + p[-1]
+            end = self.points[len(plan.moments) - 1] if plan.rests else self.state.position + p[-1]
             ways[-1] += j[-1] / 8.0
         position = _summed(self.state.position, ways, end)
         ends = np.cumsum(taken)
@@ -171,6 +171,23 @@ class Window:
             later = plan.asked[passed:] - ends[-1], plan.moments[passed:] - ends[-1]
             self.remainder = Plan(onward, answer, *later, plan.rests)
         return made
+
+    def stopped(self, made: Followed) -> Followed:
+        """Hand out a motion from rest to rest past all way-points; its own ones start at 0."""
+        new = 0 if self.first == 0 else 1  # the start was passed before
+        passed = Passed(
+            made.passed.point[new:],
+            made.passed.moment[new:] + self.first_cycle * self.T,
+            made.passed.deviation[new:],
+        )
+        own = replace(made, first=self.first, first_cycle=self.first_cycle, passed=passed)
+        self.next_point += len(self.points)
+        self.points, self.gaps, self.speeds = self.points[:0], self.gaps[:0], self.speeds[:0]
+        self.left, self.begun, self.over = self.left[:0], self.begun[:0], 0.0
+        self.first += len(made)
+        self.first_cycle += int(made.cycles.sum())
+        self.state = Knot.rest(made.position[-1])
+        return own
 
     def _passed(self, plan: Plan, count: int) -> Passed:
         at = places(plan.knots, plan.answer)[:count]
