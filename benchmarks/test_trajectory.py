@@ -21,6 +21,7 @@ from sjerk import (
     follow_path,
     follow_stops,
     follow_within,
+    plan,
 )
 from sjerk.cli import demo
 from sjerk.planner import Updater
@@ -172,8 +173,8 @@ def test_jerk_beside_interpolation(report: Any) -> None:
         "follow, its velocities": _positions(follow(way, PANDA, T)),
         "follow, velocities chosen": _positions(follow(way, PANDA, T, use_velocities=False)),
         "follow_path, no times": _positions(follow_path(way.position, PANDA, T)),
-        "follow_path, tolerance 0.01": _positions(
-            follow_path(way.position, PANDA, T, tolerance=0.01)
+        "follow_path, corridor 0.01": _positions(
+            follow_path(way.position, PANDA, T, corridor=0.01)
         ),
     }
     stops = sum(motion.cycles for motion in follow_stops(way.position, PANDA, T))
@@ -187,6 +188,32 @@ def test_jerk_beside_interpolation(report: Any) -> None:
     report.line(TABLE, f"{'follow_stops':28} time {stops * T / way.duration:6.3f} of the plan's")
     for name in list(rows)[2:]:
         assert largest(rows[name], 3) <= 500.0 * (1 + 1e-6)
+
+
+def test_paths_without_times(report: Any) -> None:
+    """A circle in 106 points, a line with points on it, the points of the Panda's plan: cycles."""
+    angle = np.linspace(0.0, 2.0 * np.pi, 106)
+    ring = 10.0 * np.column_stack([np.cos(angle), np.sin(angle)])
+    fast, slow = [Limits(100.0, 1000.0, 10000.0)] * 2, [Limits(3.0, 4.0, 40.0)]
+    way = Trajectory.from_bag(shipped_recording())
+    straight = plan(0.0, 10.0, slow[0], T).cycles
+    rows: list[tuple[str, Any, list[Limits], dict[str, float], float]] = [
+        ("circle, exact", ring, fast, {}, 890.0),
+        ("circle, tolerance 0.01", ring, fast, {"tolerance": 0.01}, 880.0),
+        ("circle, corridor 0.01", ring, fast, {"corridor": 0.01}, 880.0),
+        ("[0], [10]", [[0.0], [10.0]], slow, {}, 1.01 * straight),
+        ("[0], [1], [10]", [[0.0], [1.0], [10.0]], slow, {}, 1.01 * straight),
+        ("Panda, exact", way.position, PANDA, {}, way.duration / T),
+    ]
+    for name, path, limits, how, most in rows:
+        began = process_time()
+        cycles = sum(int(block.cycles.sum()) for block in follow_path(path, limits, T, **how))
+        report.line(
+            TABLE,
+            f"{name:24} {cycles:5} cycles (at most {most:.0f}), computed in "
+            f"{(process_time() - began) / (cycles * T):.2f} of its time",
+        )
+        assert cycles <= most
 
 
 def _positions(blocks: Iterator[Any]) -> np.ndarray:
