@@ -1,14 +1,16 @@
 """Random paths without times, judged: `./run stress paths [--runs N] [--seed S]`.
 
-Exams of N inputs each: polylines (never slower than stopping, exact, near and in a corridor), dense
-points of smooth curves beside TOPP-RA's time, which knows no jerk, and polylines with position limits
-on their turns. Limits are judged on the recorded positions. Exit status 0 if no motion failed, left a
-limit, a way-point or a corridor, or was slower than stopping; the share answered by stops is told.
+Exams of N inputs each: polylines (never slower than stopping; exact, near and in a corridor),
+dense points of smooth curves beside TOPP-RA's time, which knows no jerk, and polylines with
+position limits on their turns. Limits are judged on the recorded positions. Exit status 0 if no
+motion failed, left a limit, a way-point or a corridor, or was slower than stopping; the share
+answered by stops is told.
 """
 
 from __future__ import annotations
 
 import argparse
+import itertools
 import sys
 import time
 from collections.abc import Callable
@@ -57,7 +59,7 @@ def drawn(rng: np.random.Generator, joints: int, unit: float) -> list[Limits]:
 def from_lines(position: np.ndarray, path: np.ndarray) -> float:
     """The largest distance of any position from the nearest of the lines between way-points."""
     nearest = np.full(len(position), np.inf)
-    for one, two in zip(path[:-1], path[1:], strict=True):
+    for one, two in itertools.pairwise(path):
         way = two - one
         along = np.clip((position - one) @ way / (way @ way), 0.0, 1.0)
         off = np.linalg.norm(position - one - along[:, None] * way, axis=1)
@@ -122,7 +124,10 @@ def curve(rng: np.random.Generator) -> Told:
         wave = rng.normal(size=(2, joints)) / order**2
         path += np.outer(np.cos(order * angle), wave[0]) + np.outer(np.sin(order * angle), wave[1])
     most = [np.array([getattr(k, name) for k in limits]) for name in ("velocity", "acceleration")]
-    bounds = (toppra.constraint.JointVelocityConstraint, toppra.constraint.JointAccelerationConstraint)
+    bounds = (
+        toppra.constraint.JointVelocityConstraint,
+        toppra.constraint.JointAccelerationConstraint,
+    )
     rows: list[Any] = [of(np.column_stack([-x, x])) for of, x in zip(bounds, most, strict=True)]
     spline = toppra.SplineInterpolator(np.linspace(0.0, 1.0, n), path)
     timed = toppra.algorithm.TOPPRA(rows, spline).compute_trajectory(0.0, 0.0)

@@ -12,7 +12,6 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from sjerk._binding import ffi, lib
 from sjerk.errors import InputError, PlanError, positive
@@ -288,13 +287,10 @@ def _read(
         task, count, ffi.from_buffer("int64_t[]", lengths), doubles(jerk), *map(doubles, states)
     )
     taken: IntArray = lengths.sum(axis=1)
-    point = window.first + 1 + np.arange(count)
-    ends = window.first_cycle + np.cumsum(taken)
-    passed = Passed(point, ends * T, np.zeros((count, joints)))
-    if window.first == 0:
-        passed = Passed(
-            np.append(0, point), np.append(0.0, ends * T), np.zeros((count + 1, joints))
-        )
+    first = 0 if window.first == 0 else 1  # the start is a way-point too
+    point: IntArray = window.first + np.arange(first, count + 1, dtype=np.int64)
+    ends = window.first_cycle + np.concatenate([[0], np.cumsum(taken)])
+    passed = Passed(point, ends[first:] * float(T), np.zeros((len(point), joints)))
     made = Followed(
         names,
         T,
@@ -308,7 +304,7 @@ def _read(
         states[0] / T,
         states[1] / T**2,
         states[2] / T**3,
-        point,
+        window.first + 1 + np.arange(count, dtype=np.int64),
         passed,
     )
     return made, states

@@ -61,11 +61,12 @@ def follow_path(
     ``points`` (n, N). Way-points are met exactly, or within ``tolerance`` (axis units, one for all
     or one per joint); between them the way is free, unless there is a ``corridor``: then the
     commanded motion stays within this distance (Euclidean) of the straight lines between the
-    way-points. Two way-points are a straight line. For exact stops at every point, on the lines, see
-    ``follow_stops``; a path that fits into one window is never slower than that. ``limits``: one per joint, or one for all. ``passed``
-    of the blocks says when and how near each way-point is passed; ``stretch`` is 0. Way-points
-    denser than knots can meet are passed as near as they can. Memory is that of a window of twice
-    ``lookahead`` stops (V/A + A/J of the slowest joint); ``block``: most segments at a time.
+    way-points. Two way-points are a straight line. For exact stops at every point, on the lines,
+    see ``follow_stops``; a path that fits into one window is never slower than that. ``limits``:
+    one per joint, or one for all. ``passed`` of the blocks says when and how near each way-point is
+    passed; ``stretch`` is 0. Way-points denser than knots can meet are passed as near as they can.
+    Memory is that of a window of twice ``lookahead`` stops (V/A + A/J of the slowest joint);
+    ``block``: most segments at a time.
     Raises InputError, PlanError.
 
     >>> corner = [[0.0, 0.0], [0.5, 0.0], [0.5, 0.5]]
