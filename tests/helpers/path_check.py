@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from helpers.following_check import PANDA, T, recording, toppra_plan
-from sjerk import Axis, Host, Limits, MotionKernel, Path, follow
+from sjerk import Axis, Host, Limits, MotionKernel, Path
 from sjerk.host import PathState
 from sjerk.trajectory.segments import Followed
 from sjerk.trajectory.stretching import stretched

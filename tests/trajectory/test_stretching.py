@@ -23,8 +23,8 @@ from helpers.following_check import (
 )
 from sjerk import InputError, Limits, Trajectory, TrajectoryError
 from sjerk.trajectory import shipped_recording
-from sjerk.trajectory.stretching import limits_per_cycle, stretched
 from sjerk.trajectory.segments import Followed
+from sjerk.trajectory.stretching import limits_per_cycle, stretched
 
 ROBOT = Limits(velocity=2.0, acceleration=4.0, jerk=500.0)
 

@@ -255,9 +255,7 @@ def _interpolated(source: _Source, margin: float, keep: float) -> Followed | Non
     cycle = np.rint(exact).astype(np.int64)
     least = np.full(len(cycle), 3 if source.velocities else 2)
     least[-1] += 1
-    short = np.flatnonzero(
-        (np.diff(cycle, prepend=0) < least) | (np.abs(exact - cycle) > _WHOLE)
-    )
+    short = np.flatnonzero((np.diff(cycle, prepend=0) < least) | (np.abs(exact - cycle) > _WHOLE))
     count = int(short[0]) if len(short) else len(cycle)
     if count == 0 or cycle[count - 1] > CYCLES_MAX:
         return None
