@@ -42,7 +42,7 @@ plain="ros-python-cmake-module ros-fastrtps-cmake-module"
 [ -e "$venv/bin/python" ] || "$python" -m venv "$venv"
 venv=$(readlink -f "$venv")
 stamp=$venv/.sjerk-ros2
-now=$({ printf '%s' "$distro $running $building $plain"; find "$ros2" -type f | sort | xargs cat; } | cksum)
+now=$({ printf '%s' "$distro $running $building $plain"; cd "$ros2" && find pip cobot_msgs sjerk_msgs -type f | sort | xargs cat; } | cksum)
 if [ "$(cat "$stamp" 2>/dev/null || true)" != "$now" ]; then
     say "wheels of ROS 2 $distro"
     # shellcheck disable=SC2086

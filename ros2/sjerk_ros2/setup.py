@@ -16,8 +16,8 @@ setup(
     ],
     entry_points={
         "console_scripts": [
-            "controller = sjerk.ports.ros.ros2_controller:main",
-            "control = sjerk.ports.ros.ros2_control_node:main",
+            "controller = sjerk.cli.nodes:ros2_controller",
+            "control = sjerk.cli.nodes:ros2_control",
         ]
     },
 )

@@ -16,6 +16,12 @@ def generate_launch_description():
             DeclareLaunchArgument("name", default_value="arm_controller"),
             DeclareLaunchArgument("kernel"),
             DeclareLaunchArgument("params"),
+            DeclareLaunchArgument(
+                "hardware",
+                default_value="simulated",
+                choices=["simulated", "ethercat"],
+                description="drives of the kernel's file: simulated, whatever it says, or its bus",
+            ),
             Node(
                 package="sjerk_ros2",
                 executable="controller",
@@ -23,7 +29,10 @@ def generate_launch_description():
                 output="screen",
                 parameters=[
                     LaunchConfiguration("params"),
-                    {"kernel.file": LaunchConfiguration("kernel")},
+                    {
+                        "kernel.file": LaunchConfiguration("kernel"),
+                        "kernel.hardware": LaunchConfiguration("hardware"),
+                    },
                 ],
                 sigterm_timeout="5",
                 on_exit=Shutdown(),

@@ -15,10 +15,9 @@ from pathlib import Path
 from typing import Any
 
 from sjerk.cli.arguments import ENDLESS, duration_or_inf
+from sjerk.cli.buses import kernel_of
 from sjerk.cli.common import add_force, add_verb, ready, show, sigterm_as_ctrl_c
 from sjerk.host import Monitor
-from sjerk.kernel import described, port_tables, read_table
-from sjerk.ports.ethercat.inside import port_of
 from sjerk.recording import Recorder
 
 
@@ -39,10 +38,7 @@ def add_arguments(jobs: Any) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Exit code 1 without a whole recording, 6 where the kernel ended, 130 where it never ran."""
-    table = read_table(options.file)
-    kernel = described(options.file, table, name=options.name, group=options.group)
-    if (wire := port_tables(table, "ethercat")) is not None:
-        kernel.port = port_of(str(options.file), *wire)
+    kernel = kernel_of(str(options.file), name=options.name, group=options.group)
     if options.spin_us is not None:
         kernel.clock = replace(kernel.clock, spin_us=options.spin_us)
     if options.record is not None:

@@ -1,4 +1,7 @@
-"""Arguments that the nodes of ROS 1 and of ROS 2 have in common. Never here: ROS."""
+"""What the nodes of ROS 1 and of ROS 2 have in common: arguments, programs.
+
+Never here: ROS.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +9,7 @@ import argparse
 from pathlib import Path
 from types import ModuleType
 
+from sjerk.cli.buses import kernel_of
 from sjerk.errors import ExtraMissingError, InputError, SjerkError
 from sjerk.extras import load
 
@@ -18,6 +22,11 @@ def add_node_arguments(job: argparse.ArgumentParser) -> None:
     job.add_argument("node", choices=("control", "controller"))
     job.add_argument("robot", nargs="?", type=Path, help="TOML file of a kernel to run as a child")
     job.add_argument("--kernel", metavar="NAME", help="lead this running kernel instead")
+    job.add_argument(
+        "--hardware",
+        choices=("simulated", "ethercat"),
+        help="drives of that file; default: as it says",
+    )
     job.add_argument("--params", type=Path, metavar="F.yaml", help="parameters of the node")
     job.add_argument("--node-name", metavar="NAME", help="of the node: the controller's name")
     job.add_argument(
@@ -45,3 +54,23 @@ def node_module(node: str, ros: int) -> ModuleType:
     except ExtraMissingError as fault:
         what = f"{fault.module!r} is not installed: source a ROS {ros}, or make one"
         raise SjerkError(f"{what} (tools/ros{ros}_venv.sh)") from fault
+
+
+def ros2_controller() -> int:
+    """Of a ROS 2 package: the trajectory controller, with the arguments of the program."""
+    return int(node_module("controller", 2).main(None, kernel_of))
+
+
+def ros2_control() -> int:
+    """Of a ROS 2 package: the control node."""
+    return int(node_module("control", 2).main(None, kernel_of))
+
+
+def ros1_controller() -> int:
+    """Of a ROS 1 package: the trajectory controller."""
+    return int(node_module("controller", 1).main(None, None, kernel_of))
+
+
+def ros1_control() -> int:
+    """Of a ROS 1 package: the control node."""
+    return int(node_module("control", 1).main(None, None, kernel_of))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
+from sjerk.cli.buses import kernel_of
 from sjerk.cli.nodes import add_node_arguments, check_files, node_module
 
 
@@ -23,7 +24,7 @@ def run(options: argparse.Namespace) -> int:
     """Be the node until SIGINT or SIGTERM; the exit code."""
     node = node_module(options.node, 1)
     words = arguments(options)
-    return int(node.main(words, options.params))
+    return int(node.main(words, options.params, kernel_of))
 
 
 def arguments(options: argparse.Namespace) -> list[str]:
@@ -34,6 +35,8 @@ def arguments(options: argparse.Namespace) -> list[str]:
         words.append(f"__name:={options.node_name}")
     if options.robot is not None:
         words.append(f"_kernel/file:={options.robot}")
+    if options.hardware is not None:
+        words.append(f"_kernel/hardware:={options.hardware}")
     if options.kernel is not None:
         words.append(f"_kernel/name:={options.kernel}")
     if options.joints:

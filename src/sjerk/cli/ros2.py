@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
+from sjerk.cli.buses import kernel_of
 from sjerk.cli.nodes import add_node_arguments, check_files, node_module
 
 
@@ -22,7 +23,7 @@ def add_arguments(jobs: Any) -> None:
 def run(options: argparse.Namespace) -> int:
     """Be the node until SIGINT or SIGTERM; the exit code."""
     node = node_module(options.node, 2)
-    return int(node.main(arguments(options)))
+    return int(node.main(arguments(options), kernel_of))
 
 
 def arguments(options: argparse.Namespace) -> list[str]:
@@ -35,6 +36,8 @@ def arguments(options: argparse.Namespace) -> list[str]:
         words += ["--params-file", str(options.params)]
     if options.robot is not None:
         words += ["-p", f"kernel.file:={options.robot}"]
+    if options.hardware is not None:
+        words += ["-p", f"kernel.hardware:={options.hardware}"]
     if options.kernel is not None:
         words += ["-p", f"kernel.name:={options.kernel}"]
     if options.joints:

@@ -14,7 +14,7 @@ from sjerk.kernel.feed_forward import FeedForward
 from sjerk.kernel.kernel import Image, MotionKernel
 from sjerk.kernel.process import Port
 from sjerk.kernel.reactions import Reaction, Reactions
-from sjerk.kernel.tables import port_tables
+from sjerk.kernel.tables import port_tables, without_ports
 
 __all__ = [
     "Axis",
@@ -29,4 +29,5 @@ __all__ = [
     "load",
     "port_tables",
     "read_table",
+    "without_ports",
 ]

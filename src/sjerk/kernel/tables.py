@@ -89,6 +89,25 @@ def port_tables(table: object, port: str) -> tuple[object, dict[int, object]] | 
     return table[port], {i: axis[port] for i, axis in enumerate(axes) if port in axis}
 
 
+def without_ports(table: object) -> object:
+    """The table without those of ports: drives that were on a bus are simulated ones.
+
+    >>> without_ports({"ethercat": {}, "axes": [{"unit": "deg", "ethercat": {"position": 0}}]})
+    {'axes': [{'unit': 'deg'}]}
+    """
+    if not isinstance(table, dict) or not isinstance(table.get("axes"), list):
+        return table
+    rows = []
+    for row in table["axes"]:
+        own = row if isinstance(row, dict) else {}
+        plain = {key: value for key, value in own.items() if key not in PORTS}
+        if any(key in own for key in PORTS) and plain.get("drive") in (*PORTS, "external"):
+            del plain["drive"]
+        rows.append(plain if isinstance(row, dict) else row)
+    rest = {key: value for key, value in table.items() if key not in (*PORTS, "axes")}
+    return rest | {"axes": rows}
+
+
 def _names(kind: type[Any]) -> list[str]:
     return [field.name for field in fields(kind) if field.init]
 

@@ -10,18 +10,24 @@ import math
 import os
 import secrets
 import signal
-import socket
 import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import rospy
+from actionlib_msgs.msg import GoalStatus
+from diagnostic_msgs.msg import DiagnosticArray
+from sensor_msgs.msg import JointState
+from std_srvs.srv import SetBool, Trigger
+from trajectory_msgs.msg import JointTrajectory
 
+from helpers.ros1_clients import TYPES, Arm, attacked, play, ros, until, way
 from helpers.ros_robot import (
     LIMITS,
     LONGEST_S,
@@ -33,98 +39,13 @@ from helpers.ros_robot import (
     running,
 )
 
-with socket.socket() as free:
-    free.bind(("127.0.0.1", 0))
-    PORT = free.getsockname()[1]
-os.environ["ROS_MASTER_URI"] = f"http://localhost:{PORT}"
-os.environ["ROS_HOSTNAME"] = "localhost"
-
-import actionlib
-import rosgraph
-import rospy
-from actionlib_msgs.msg import GoalStatus
-from diagnostic_msgs.msg import DiagnosticArray
-from sensor_msgs.msg import JointState
-from std_srvs.srv import SetBool, Trigger
-from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
-
-from sjerk.ports.ros.ros1_interfaces import interfaces
-
-TYPES = interfaces()
 HERE = Path(__file__).resolve()
-
-
-def until(met: Callable[[], Any], timeout: float = LONGEST_S) -> Any:
-    """Wait until something is true; what it is."""
-    end = time.monotonic() + timeout
-    while not (found := met()):
-        if time.monotonic() > end:
-            raise TimeoutError(met)
-        time.sleep(0.005)
-    return found
 
 
 @pytest.fixture(scope="module", autouse=True)
 def _ros(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    os.environ["ROS_LOG_DIR"] = str(tmp_path_factory.mktemp("log"))
-    master = subprocess.Popen(["rosmaster", "--core", "-p", str(PORT)])
-    try:
-        until(rosgraph.is_master_online)
-        rospy.init_node("judge", anonymous=True, disable_signals=True)
+    with ros(tmp_path_factory.mktemp("log")):
         yield
-        rospy.signal_shutdown("done")
-    finally:
-        master.terminate()
-        master.wait(LONGEST_S)
-
-
-def way(rows: Any, times: Any, names: Any = NAMES) -> JointTrajectory:
-    """Positions over times."""
-    message = JointTrajectory(joint_names=list(names))
-    for row, t in zip(rows, times, strict=True):
-        message.points.append(
-            JointTrajectoryPoint(
-                positions=[float(x) for x in row], time_from_start=rospy.Duration.from_sec(t)
-            )
-        )
-    return message
-
-
-class Arm:
-    """The controller, and the client of its action."""
-
-    def __init__(self, name: str, kernel: str = "") -> None:
-        self.name, self.kernel, self.states = name, kernel, []
-        self.action = actionlib.ActionClient(f"/{name}/follow_joint_trajectory", TYPES.Action)
-        assert self.action.wait_for_server(rospy.Duration(LONGEST_S))
-        rospy.Subscriber("/joint_states", JointState, self.states.append)
-        until(lambda: self.states)
-
-    def position(self) -> np.ndarray:
-        """The newest joint states."""
-        return np.array(self.states[-1].position)
-
-    def send(
-        self, rows: Any, times: Any, names: Any = NAMES, feedback: Any = None, **more: Any
-    ) -> Any:
-        """A goal's handle."""
-        goal = TYPES.Goal(trajectory=way(rows, times, names), **more)
-        return self.action.send_goal(goal, feedback_cb=lambda _, m: feedback and feedback(m))
-
-    def result(self, goal: Any) -> tuple[int, int, str]:
-        """Status, code and text at its end."""
-        until(lambda: goal.get_comm_state() == actionlib.CommState.DONE)
-        result = goal.get_result()
-        return goal.get_goal_status(), result.error_code, result.error_string
-
-    def moves(self) -> None:
-        """Wait until it does."""
-        with monitor_of(self.kernel) as monitor:
-            until(lambda: monitor.feedback().moving)
-
-    def parameter(self, name: str, value: str) -> None:
-        """By the program that sets parameters."""
-        subprocess.run(["rosparam", "set", f"/{self.name}/{name}", value], check=True)
 
 
 @pytest.fixture(scope="module")
@@ -267,6 +188,11 @@ def test_wrong_goals_are_refused_with_reasons_and_what_moves_goes_on(arm: Arm) -
     assert arm.result(going)[:2] == (GoalStatus.SUCCEEDED, 0)
 
 
+def test_random_wrong_goals_change_no_bit_of_what_moves(arm: Arm) -> None:
+    """By action and topic, fields of any size, nan, huge: the motion is that without them."""
+    assert attacked(arm, count=200, seconds=4.0) >= 200
+
+
 def test_a_trajectory_by_topic_moves_and_one_without_points_stops(arm: Arm) -> None:
     """On ``~command``, as controllers of ROS 1 have it."""
     publisher = rospy.Publisher("/arm/command", JointTrajectory, queue_size=1)
@@ -397,14 +323,6 @@ def test_roslaunch_starts_and_ends_it(tmp_path: Path) -> None:
 
 
 # ---- the control node
-
-
-def play(publish: Callable[[float], None], rate: float, count: int) -> None:
-    """Call so many times at a rate, by the clock."""
-    began = time.monotonic()
-    for k in range(count):
-        time.sleep(max(0.0, began + k / rate - time.monotonic()))
-        publish(rospy.get_time())
 
 
 @pytest.mark.parametrize("mode", ["interrupt", "stream", "track"])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from contextlib import ExitStack
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sjerk import Axis, Host, Limits, MotionKernel
+from sjerk.cia402 import DriveConfig
+from sjerk.cli.buses import kernel_of
 from sjerk.errors import InputError
 from sjerk.ports.ros.following import Following
 from sjerk.ports.ros.joints import Joints
@@ -178,4 +181,43 @@ def test_a_node_has_exactly_one_kernel() -> None:
         {"kernel.file": "a", "kernel.name": "b"},
     ):
         with pytest.raises(InputError, match="exactly one"):
-            lead(values.__getitem__, ExitStack())
+            lead(values.__getitem__, ExitStack(), kernel_of)
+
+
+BUS = """
+name = "cell"
+[ethercat]
+interface = "enp3s0"
+[[axes]]
+unit = "deg"
+counts_per_unit = 1e5
+limits = { velocity = 90, acceleration = 500, jerk = 5000 }
+DRIVE
+[axes.ethercat]
+position = 0
+"""
+
+
+@pytest.mark.parametrize("drive", ["", 'drive = "ethercat"', 'drive = "external"'])
+def test_the_drives_of_a_file_are_on_its_bus_or_simulated(tmp_path: Path, drive: str) -> None:
+    """``hardware``: what it says, whatever the file does; by default as the file says."""
+    file = tmp_path / "cell.toml"
+    file.write_text(BUS.replace("DRIVE", drive))
+    for hardware in ("", "ethercat"):
+        kernel = kernel_of(str(file), hardware)
+        assert kernel.port is not None
+        assert kernel.axes[0].drive == "external"
+    simulated = kernel_of(str(file), "simulated")
+    assert simulated.port is None
+    assert isinstance(simulated.axes[0].drive, DriveConfig)
+    host = simulated.host()
+    host.enable()
+    simulated.step(200)
+    move = host.move(1.0)
+    simulated.step(1000)
+    assert move.done
+    file.write_text(BUS.replace("DRIVE", "").split("[axes.eth")[0].replace("[ethercat]", "#"))
+    file.write_text(file.read_text().replace("interface", "#"))
+    assert kernel_of(str(file), "").port is None
+    with pytest.raises(InputError, match="needs a table"):
+        kernel_of(str(file), "ethercat")

@@ -5,7 +5,7 @@ What both control nodes do with what came; they bring messages and time. Never h
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -17,6 +17,9 @@ from sjerk.host import Host
 from sjerk.ports.ros.joints import Joints
 from sjerk.ports.ros.tracking import SHARE, Rest, Tracker, Window
 from sjerk.profile import FloatArray
+
+#: So many ages of goals are looked back on.
+_AGES = 1000
 
 
 class Following:
@@ -33,7 +36,7 @@ class Following:
         self._host, self._joints, self._value, self._tell = host, joints, value, tell
         self.mode: str = value("mode")
         self.counts: Counter[str] = Counter()
-        self._ages: list[float] = []
+        self._ages: deque[float] = deque(maxlen=_AGES)
         self._last: FloatArray | None = None
         self._before: tuple[float, FloatArray] | None = None
         self._player: StreamPlayer | None = None
@@ -167,8 +170,8 @@ class Following:
         self._late.clear()
 
     def report(self) -> dict[str, object]:
-        """Counts, and ages of the goals since the last report, for diagnostics."""
-        ages, self._ages = np.array(self._ages or [0.0]), []
+        """Counts, and ages of the last thousand goals when they were read, for diagnostics."""
+        ages = np.array(self._ages or [0.0])
         told: dict[str, object] = {
             "goals": self.counts["goals"],
             "refused": self.counts["refused"],

@@ -8,21 +8,24 @@ from typing import Any
 
 from sjerk.errors import InputError
 from sjerk.host import Host
-from sjerk.kernel import load
+from sjerk.kernel import MotionKernel
 from sjerk.ports.ros.joints import Joints
 
+#: A kernel of a file, with its drives as ``kernel.hardware`` says; whoever knows buses gives it.
+KernelOf = Callable[[str, str], MotionKernel]
 
-def lead(value: Callable[[str], Any], open_: ExitStack) -> Host:
+
+def lead(value: Callable[[str], Any], open_: ExitStack, kernel_of: KernelOf) -> Host:
     """Become the host of the kernel that the parameters name; ``open_`` ends it.
 
-    Raises InputError and what ``load`` and ``Host.attach`` raise.
+    Raises InputError and what ``kernel_of`` and ``Host.attach`` raise.
     """
     file, name = value("kernel.file"), value("kernel.name")
     if bool(file) == bool(name):
         what = "exactly one of kernel.file and kernel.name must be given"
         raise InputError("kernel", file or name, what)
     if file:
-        kernel = open_.enter_context(load(file))
+        kernel = open_.enter_context(kernel_of(file, value("kernel.hardware")))
         return open_.enter_context(kernel.host())
     return open_.enter_context(Host.attach(name, wait=2.0))
 

@@ -61,6 +61,14 @@ _KERNEL = (
     Parameter(
         name="kernel.file", default="", about="TOML file of a kernel to run as a child", fixed=True
     ),
+    Parameter(
+        name="kernel.hardware",
+        default="",
+        about="drives of kernel.file: simulated, whatever bus it has, or ethercat; "
+        "default: as it says",
+        choices=("", "simulated", "ethercat"),
+        fixed=True,
+    ),
     Parameter(name="kernel.name", default="", about="a running kernel to lead", fixed=True),
     Parameter(
         name="state_publish_rate",

@@ -16,6 +16,7 @@ from std_msgs.msg import String
 
 from sjerk.errors import SjerkError
 from sjerk.ports.ros.following import Following
+from sjerk.ports.ros.leading import KernelOf
 from sjerk.ports.ros.messages import Rows
 from sjerk.ports.ros.parameters import CONTROL
 from sjerk.ports.ros.ros1_life import Life, joint_state, run
@@ -27,9 +28,9 @@ from sjerk.trajectory.columns import seconds
 class ControlNode(Life):
     """Joint states in, motion of the kernel, joint states out."""
 
-    def __init__(self) -> None:
+    def __init__(self, kernel_of: KernelOf) -> None:
         """Leads the kernel and enables its drives; raises SjerkError and its like."""
-        super().__init__(CONTROL)
+        super().__init__(CONTROL, kernel_of)
         self._following = Following(
             self.host, self.joints, self.value, lambda text: rospy.logerr_throttle(1.0, text)
         )
@@ -110,10 +111,6 @@ class ControlNode(Life):
         self.open.close()
 
 
-def main(arguments: Sequence[str] | None = None, params: Path | None = None) -> int:
+def main(arguments: Sequence[str] | None, params: Path | None, kernel_of: KernelOf) -> int:
     """Run the node; ``arguments`` as of ROS, ``params`` a YAML file; returns the exit code."""
-    return run("sjerk_control_node", ControlNode, arguments, params)
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())
+    return run("sjerk_control_node", lambda: ControlNode(kernel_of), arguments, params)

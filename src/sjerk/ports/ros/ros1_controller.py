@@ -20,6 +20,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from sjerk.errors import InputError, KernelGoneError, SjerkError
 from sjerk.executor import GoalHandle, GoalStatus, ResultCode
 from sjerk.ports.ros.desk import Desk, Refusal
+from sjerk.ports.ros.leading import KernelOf
 from sjerk.ports.ros.messages import Rows
 from sjerk.ports.ros.parameters import CONTROLLER, constraints, settings
 from sjerk.ports.ros.ros1_interfaces import interfaces
@@ -33,9 +34,9 @@ _TYPES = interfaces()
 class TrajectoryController(Life):
     """An action server, its topics and services, in front of a kernel."""
 
-    def __init__(self) -> None:
+    def __init__(self, kernel_of: KernelOf) -> None:
         """Leads the kernel and enables its drives; raises SjerkError and its like."""
-        super().__init__(CONTROLLER)
+        super().__init__(CONTROLLER, kernel_of)
         self._known = (*CONTROLLER, *constraints(self.joints.names))
         self._speed, self._finishing = 1.0, False
         self._goals: dict[str, tuple[Any, GoalHandle]] = {}
@@ -258,10 +259,8 @@ def _result(code: ResultCode, text: str) -> Any:
     return _TYPES.Result(error_code=int(code), error_string=text)
 
 
-def main(arguments: Sequence[str] | None = None, params: Path | None = None) -> int:
+def main(arguments: Sequence[str] | None, params: Path | None, kernel_of: KernelOf) -> int:
     """Run the node; ``arguments`` as of ROS, ``params`` a YAML file; returns the exit code."""
-    return run("sjerk_trajectory_controller", TrajectoryController, arguments, params)
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())
+    return run(
+        "sjerk_trajectory_controller", lambda: TrajectoryController(kernel_of), arguments, params
+    )

@@ -22,7 +22,8 @@ from std_srvs.srv import Trigger, TriggerResponse
 from sjerk.errors import InputError, SjerkError
 from sjerk.host import Host
 from sjerk.ports.ros.joints import Joints
-from sjerk.ports.ros.leading import joints_of, lead
+from sjerk.ports.ros.leading import KernelOf, joints_of, lead
+from sjerk.ports.ros.orders import LONGEST, ORDERS, Order
 from sjerk.ports.ros.parameters import IGNORED, Parameter
 from sjerk.ports.ros.status import Level, Status, check, check_start, statuses
 from sjerk.ports.ros.turns import Turns
@@ -30,8 +31,6 @@ from sjerk.profile import FloatArray
 
 #: Seconds that results may take to reach their clients when a node ends.
 _FAREWELL = 0.3
-#: Seconds to come to rest that a caller of a service waits for.
-_REST = 30.0
 
 
 def flat(tree: Mapping[str, Any], before: str = "") -> dict[str, Any]:
@@ -64,13 +63,13 @@ def read(known: Sequence[Parameter]) -> tuple[dict[str, Any], list[str]]:
 class Life:
     """What both nodes have: kernel, joints, loop, services that stop, diagnostics."""
 
-    def __init__(self, known: Sequence[Parameter]) -> None:
+    def __init__(self, known: Sequence[Parameter], kernel_of: KernelOf) -> None:
         """Leads the kernel and enables its drives; raises SjerkError and its like."""
         self.values, foreign = read(known)
         self.turns = Turns()
         self.open = ExitStack()
         try:
-            self.host: Host = lead(self.values.__getitem__, self.open)
+            self.host: Host = lead(self.values.__getitem__, self.open, kernel_of)
             self.joints: Joints = joints_of(self.values["joints"], self.host)
             check_start(self.host, self.joints, rospy.loginfo)
             self.host.enable()
@@ -93,25 +92,19 @@ class Life:
         """The services ``~halt``, ``~quick_stop``, ``~reset``, answered at rest, and ``~check``."""
 
         def serve(name: str) -> Callable[[Any], TriggerResponse]:
-            def order(answer: Callable[[str], None]) -> None:
-                try:
-                    drop()
-                    getattr(self.host, name)(timeout=0.0)
-                except SjerkError as error:
-                    answer(str(error))
-                    return
-                self.turns.until(
-                    self.rests, _REST, lambda came: answer("" if came else "not at rest")
-                )
+            def give(answer: Callable[[str], None]) -> None:
+                drop()
+                order = Order(self.host, name)
+                self.turns.until(order.look, LONGEST, lambda _: answer(order.answer))
 
-            return lambda _: self._answer(order)
+            return lambda _: self._answer(give)
 
-        for name in ("halt", "quick_stop", "reset"):
+        for name in ORDERS:
             rospy.Service(f"~{name}", Trigger, serve(name))
-        rospy.Service("~check", Trigger, lambda _: self.turns.ask(self._check, _REST))
+        rospy.Service("~check", Trigger, lambda _: self.turns.ask(self._check, LONGEST))
 
     def _answer(self, order: Callable[[Callable[[str], None]], Any]) -> TriggerResponse:
-        text = self.turns.ask(order, _REST + 5.0)
+        text = self.turns.ask(order, LONGEST + 5.0)
         return TriggerResponse(success=not text, message=text or "done")
 
     def _check(self, answer: Callable[[TriggerResponse], None]) -> None:

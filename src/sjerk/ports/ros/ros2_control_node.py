@@ -22,8 +22,9 @@ from std_msgs.msg import String
 from sjerk.errors import SjerkError
 from sjerk.ports.ros.following import Following
 from sjerk.ports.ros.joints import Joints
-from sjerk.ports.ros.leading import joints_of, lead
+from sjerk.ports.ros.leading import KernelOf, joints_of, lead
 from sjerk.ports.ros.messages import Rows
+from sjerk.ports.ros.orders import LONGEST, Order
 from sjerk.ports.ros.parameters import CONTROL
 from sjerk.ports.ros.ros2_life import Waits, checks, declare, run, stops
 from sjerk.ports.ros.ros2_status import MotionStates, diagnostics, joint_state
@@ -34,12 +35,12 @@ from sjerk.trajectory.columns import seconds
 class ControlNode(Node):  # type: ignore[misc]
     """Joint states in, motion of the kernel, joint states out."""
 
-    def __init__(self) -> None:
+    def __init__(self, kernel_of: KernelOf) -> None:
         """Leads the kernel and enables its drives; raises SjerkError and its like."""
         super().__init__("sjerk_control_node")
         declare(self, CONTROL)
         self._open = ExitStack()
-        self._host = lead(self._value, self._open)
+        self._host = lead(self._value, self._open, kernel_of)
         self._joints: Joints = joints_of(self._value("joints"), self._host)
         check_start(self._host, self._joints, self.get_logger().info)
         self._host.enable()
@@ -85,13 +86,10 @@ class ControlNode(Node):  # type: ignore[misc]
     # ---- orders
 
     async def _on_order(self, name: str) -> str:
-        try:
-            self._following.drop()
-            getattr(self._host, name)(timeout=0.0)
-        except SjerkError as error:
-            return str(error)
-        rests = await self._waits.until(lambda: not self._host.feedback().moving, 30.0)
-        return "" if rests else "not at rest within 30 s"
+        self._following.drop()
+        order = Order(self._host, name)
+        await self._waits.until(order.look, LONGEST)
+        return order.answer
 
     # ---- what is told
 
@@ -143,10 +141,6 @@ class ControlNode(Node):  # type: ignore[misc]
         self._open.close()
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
+def main(arguments: Sequence[str] | None, kernel_of: KernelOf) -> int:
     """Run the node; ``arguments`` as of ROS; returns the exit code."""
-    return run(ControlNode, arguments)
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())
+    return run(lambda: ControlNode(kernel_of), arguments)

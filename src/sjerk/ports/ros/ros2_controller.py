@@ -33,8 +33,9 @@ from sjerk.executor import GoalHandle, GoalStatus, ResultCode, Settings
 from sjerk.host import Host
 from sjerk.ports.ros.desk import Desk, Refusal
 from sjerk.ports.ros.joints import Joints
-from sjerk.ports.ros.leading import joints_of, lead
+from sjerk.ports.ros.leading import KernelOf, joints_of, lead
 from sjerk.ports.ros.messages import Rows
+from sjerk.ports.ros.orders import LONGEST, Order
 from sjerk.ports.ros.parameters import CONTROLLER, IGNORED, Parameter, constraints, settings
 from sjerk.ports.ros.ros2_life import Waits, checks, declare, ignored, run, stops
 from sjerk.ports.ros.ros2_messages import controller_state, goal_feedback
@@ -53,11 +54,12 @@ _INACTIVE = Refusal(ResultCode.INVALID_GOAL, "the controller is not active")
 class TrajectoryController(LifecycleNode):  # type: ignore[misc]
     """An action server, its topics and services, in front of a kernel."""
 
-    def __init__(self) -> None:
+    def __init__(self, kernel_of: KernelOf) -> None:
         """Declares the parameters; raises InputError."""
         super().__init__("sjerk_trajectory_controller")
         declare(self, CONTROLLER)
         self._known: tuple[Parameter, ...] = CONTROLLER
+        self._kernel_of = kernel_of
         self._open = ExitStack()
         self._host: Host | None = None
         self._joints: Joints | None = None
@@ -109,7 +111,7 @@ class TrajectoryController(LifecycleNode):  # type: ignore[misc]
     def on_configure(self, state: Any) -> TransitionCallbackReturn:
         """Kernel and interfaces; refuses with a text."""
         try:
-            self._host = lead(self._value, self._open)
+            self._host = lead(self._value, self._open, self._kernel_of)
             joints = joints_of(self._value("joints"), self._host)
             self._known = (*CONTROLLER, *constraints(joints.names))
             declare(self, [p for p in self._known if not self.has_parameter(p.name)])
@@ -346,13 +348,10 @@ class TrajectoryController(LifecycleNode):  # type: ignore[misc]
         host = self._host
         if host is None:
             return _INACTIVE.text
-        try:
-            self._drop_topic()
-            getattr(host, name)(timeout=0.0)
-        except SjerkError as error:
-            return str(error)
-        rests = await self._waits.until(lambda: not host.feedback().moving, 30.0)
-        return "" if rests else "not at rest within 30 s"
+        self._drop_topic()
+        order = Order(host, name)
+        await self._waits.until(order.look, LONGEST)
+        return order.answer
 
     def _on_hold(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         try:
@@ -468,8 +467,8 @@ def _result(code: ResultCode, text: str) -> Any:
     return FollowJointTrajectory.Result(error_code=int(code), error_string=text)
 
 
-def _make() -> TrajectoryController:
-    node = TrajectoryController()
+def _made(kernel_of: KernelOf) -> TrajectoryController:
+    node = TrajectoryController(kernel_of)
     if node.get_parameter("autostart").value:
         done = node.trigger_configure() == TransitionCallbackReturn.SUCCESS
         if not (done and node.trigger_activate() == TransitionCallbackReturn.SUCCESS):
@@ -478,10 +477,6 @@ def _make() -> TrajectoryController:
     return node
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
+def main(arguments: Sequence[str] | None, kernel_of: KernelOf) -> int:
     """Run the node; ``arguments`` as of ROS; returns the exit code."""
-    return run(_make, arguments)
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())
+    return run(lambda: _made(kernel_of), arguments)

@@ -21,6 +21,7 @@ from rclpy.task import Future
 from std_srvs.srv import Trigger
 
 from sjerk.errors import SjerkError
+from sjerk.ports.ros.orders import ORDERS
 from sjerk.ports.ros.parameters import Parameter
 from sjerk.ports.ros.status import Level, Status
 
@@ -81,7 +82,7 @@ def stops(create: Callable[..., Any], answer: Callable[[str], Any]) -> None:
 
         create(Trigger, f"~/{name}", serve, callback_group=group)
 
-    for name in ("halt", "quick_stop", "reset"):
+    for name in ORDERS:
         offer(name)
 
 

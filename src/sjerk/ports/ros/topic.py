@@ -70,6 +70,8 @@ class TopicMotion:
     def turn(self, now: float) -> None:
         """What is due without a message; raises what ended the motion."""
         if self._player is not None:
+            if not self._host.clocked:
+                self._player.update()  # with a kernel in a caller's own loop nothing else feeds it
             if now - max(self._came, self._first + self._last) > self._value("track.timeout"):
                 self._player.end()
             if self._player.done:
