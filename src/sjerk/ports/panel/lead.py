@@ -45,6 +45,7 @@ class Lead:
         self._path: Path | None = None
         self._holds = Holds()
         self._stopped = -_AGAIN
+        self._stops = 0
         self._users: list[Callable[[], None]] = []
         self._then: Callable[[str], None] | None = None
         self._end = threading.Event()
@@ -62,6 +63,11 @@ class Lead:
     def path(self) -> Path | None:
         """The path that was executed last."""
         return self._path
+
+    @property
+    def stops(self) -> int:
+        """How many stops there were; whoever commands by itself ends with the next one."""
+        return self._stops
 
     def take(self, browser: int) -> None:
         """Become the leader; raises NotLeadingError with who is it."""
@@ -105,21 +111,27 @@ class Lead:
     def _leave(self) -> None:
         host, self._host, self._browser = self._host, None, None
         self._holds.clear(time.monotonic())
+        self._stops += 1
         if host is None:
             return
-        with suppress(SjerkError, OSError):
-            self._watching.stop(quick=False)  # the kernel takes it though this host leaves
-        with suppress(SjerkError, OSError):
-            host.halt(timeout=0.0)
+        self._halt(host)
         users, self._users = self._users, []
         for end in users:  # nobody else may use the host when it is closed
             end()
+        if users:  # one may have begun a motion beside the stop
+            self._halt(host)
         self._look_at_path("the lead is given back")
         self._path = None
         with suppress(SjerkError, OSError):
             host.watch(None)
         with suppress(SjerkError, OSError):
             host.close()
+
+    def _halt(self, host: Host) -> None:
+        with suppress(SjerkError, OSError):
+            self._watching.stop(quick=False)  # the kernel takes it though this host leaves
+        with suppress(SjerkError, OSError):
+            host.halt(timeout=0.0)
 
     # ---- stopping: any browser may, and whoever leads
 
@@ -128,6 +140,7 @@ class Lead:
         now = time.monotonic()
         quick = now - self._stopped < _AGAIN
         self._stopped = now
+        self._stops += 1  # first: who commands beside it looks again afterwards
         self._watching.stop(quick=quick)
         with self._lock:
             self._holds.clear(now)

@@ -14,6 +14,7 @@ import viser
 
 from sjerk.errors import SjerkError
 from sjerk.host import Host
+from sjerk.ports.panel.demo_tab import DemoTab
 from sjerk.ports.panel.desk import Desk
 from sjerk.ports.panel.door import Role
 from sjerk.ports.panel.jogging import JogTab
@@ -21,15 +22,18 @@ from sjerk.ports.panel.plan_tab import PlanTab
 from sjerk.ports.panel.playing import PlayTab
 from sjerk.ports.panel.scene_tab import SceneTab
 from sjerk.ports.panel.signals import Signals
+from sjerk.ports.panel.timing_tab import TimingTab
 
 #: Seconds until drives must follow, or faults be reset.
 _PATIENCE = 3.0
 
 
 class Page:
-    """Of one viser client; ``role``: what its link may; ``now`` and ``signals``: tabs of all."""
+    """Of one viser client; ``role``: what its link may; ``now`` and the others: tabs of all."""
 
-    def __init__(self, desk: Desk, client: Any, role: Role, *, now: Any, signals: Any) -> None:
+    def __init__(
+        self, desk: Desk, client: Any, role: Role, *, now: Any, signals: Any, timing: Any
+    ) -> None:
         self._locked: list[Any]
         self._answers = 0
         self.desk, self.client, self.role = desk, client, role
@@ -44,7 +48,8 @@ class Page:
                 hint="jerk-limited halt of all axes, whoever leads; again within 2 s: quick stop",
             )
         self.stop.on_click(lambda _: self._stop())
-        self.signals = Signals(gui, desk, signals, self._download)
+        self.signals = Signals(gui, desk, signals, download=self._download, do=self.do)
+        self.timing = TimingTab(gui, timing)
         if role == "lead":
             with signals:
                 record = gui.add_button("Record every cycle", hint="begins, or ends it: Parquet")
@@ -82,7 +87,9 @@ class Page:
                 self.tabs.append(self.scene)
         with group.add_tab("Trajectories"):
             self.play = PlayTab(self, gui)
-        self.tabs += [self.plan, self.jog, self.play]
+        with group.add_tab("Demo"):
+            self.demo = DemoTab(self, gui)
+        self.tabs += [self.plan, self.jog, self.play, self.demo]
         for tab in self.tabs:
             self._locked += tab.locked
 

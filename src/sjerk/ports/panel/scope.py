@@ -6,6 +6,7 @@ here: pages, files.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -86,22 +87,71 @@ class Scope:
         found: FloatArray = np.stack([self._low[:, axis, k], self._high[:, axis, k]], 1).ravel()
         return found
 
-    def every_cycle(self) -> tuple[NDArray[Any], FloatArray]:
-        """The cycles of the last seconds (n,), and their signals (n, N, ``SIGNALS``)."""
-        if not self._all:
-            return np.empty(0, np.uint64), np.empty((0, self.axes, len(SIGNALS)))
-        cycles, rows = zip(*self._all, strict=True)
-        return np.concatenate(cycles), np.concatenate(rows)
+    def snapshot(self, axes: list[int], *, after: int = -1) -> Snapshot:
+        """Every cycle of the last seconds of some axes, of those after the cycle ``after``."""
+        parts = [(c, r) for c, r in list(self._all) if len(c) and int(c[-1]) > after]
+        cycles = np.concatenate([c for c, _ in parts]) if parts else np.empty(0, np.uint64)
+        empty = np.empty((0, len(axes), len(SIGNALS)))
+        rows = np.concatenate([r[:, axes] for _, r in parts]) if parts else empty
+        later = cycles.astype(np.int64) > after
+        return Snapshot(cycles[later], rows[later], self.cycle_time)
 
-    def csv(self, axes: list[int], names: list[str]) -> bytes:
-        """Every cycle of the last seconds of some axes, with a line of names first."""
-        cycles, rows = self.every_cycle()
-        head = ["cycle", "time_s"]
-        columns = [cycles.astype(float), cycles * self.cycle_time]
-        for i in axes:
+
+@dataclass(frozen=True)
+class Snapshot:
+    """Cycles (n,) and their signals (n, axes, ``SIGNALS``), in axis units and seconds."""
+
+    cycles: NDArray[Any]
+    rows: FloatArray
+    cycle_time: float
+
+    def between(self, begin: float, end: float) -> Snapshot:
+        """Those from ``begin`` to ``end``, seconds before the last one (-8, 0)."""
+        if not len(self.cycles):
+            return self
+        # whole cycles: what a person asks for in seconds is not exact in binary
+        before = self.cycles.astype(np.int64) - int(self.cycles[-1])
+        low, high = round(begin / self.cycle_time), round(end / self.cycle_time)
+        inside = (low <= before) & (before <= high)
+        return Snapshot(self.cycles[inside], self.rows[inside], self.cycle_time)
+
+    def drawn(
+        self, axis: int, signal: str, *, origin: int, most: int = 480
+    ) -> tuple[FloatArray, FloatArray]:
+        """Seconds since the cycle ``origin``, and values: least and largest of each bucket.
+
+        At most so many; where there are no more cycles than that, each of them.
+        """
+        values = self.rows[:, axis, SIGNALS.index(signal)]
+        time: FloatArray = (self.cycles.astype(np.int64) - origin) * self.cycle_time
+        if len(values) <= most:
+            return time, values
+        edges = np.linspace(0, len(values), most // 2 + 1).astype(int)
+        low = np.minimum.reduceat(values, edges[:-1])
+        high = np.maximum.reduceat(values, edges[:-1])
+        middle = (edges[:-1] + edges[1:]) // 2
+        return (
+            np.stack([time[edges[:-1]], time[middle]], axis=1).ravel(),
+            np.stack([low, high], axis=1).ravel(),
+        )
+
+    def columns(self, names: list[str]) -> dict[str, NDArray[Any]]:
+        """As columns of a file; ``names``: of the axes."""
+        found: dict[str, NDArray[Any]] = {
+            "cycle": self.cycles,
+            "time_s": self.cycles * self.cycle_time,
+        }
+        for i, name in enumerate(names):
             for k, signal in enumerate(SIGNALS):
-                head.append(f"{names[i]} {signal}".replace(",", " "))
-                columns.append(rows[:, i, k])
-        lines = [",".join(head)]
-        lines += [",".join(repr(v) for v in row) for row in np.stack(columns, 1).tolist()]
+                found[f"{name} {signal}"] = self.rows[:, i, k]
+        return found
+
+    def csv(self, names: list[str]) -> bytes:
+        """Every cycle, with a line of names first; numbers keep every bit."""
+        columns = self.columns(names)
+        lines = [",".join(name.replace(",", " ") for name in columns)]
+        lines += [
+            ",".join(map(repr, row))
+            for row in zip(*(column.tolist() for column in columns.values()), strict=True)
+        ]
         return ("\n".join(lines) + "\n").encode()

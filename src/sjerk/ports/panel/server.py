@@ -79,7 +79,6 @@ class PanelServer:
         self.board = Board(self.server, self.desk)
         self._pages: dict[int, Page] = {}
         self._building = threading.Lock()
-        self._since: Feedback | None = None
         self._end = threading.Event()
         self.server.on_client_connect(self._came)
         self.server.on_client_disconnect(self._left)
@@ -104,7 +103,14 @@ class PanelServer:
             board = self.board
             for _ in range(_TRIES):
                 try:
-                    page = Page(self.desk, client, role, now=board.now, signals=board.signals)
+                    page = Page(
+                        self.desk,
+                        client,
+                        role,
+                        now=board.now,
+                        signals=board.signals,
+                        timing=board.timing,
+                    )
                 except RuntimeError:  # as in ``run``; or it has left already
                     with suppress(RuntimeError):
                         client.gui.reset()
@@ -150,7 +156,7 @@ class PanelServer:
             self._tell(feedback)
         if now >= due_for["times"] and self._pages:
             due_for["times"] = now + 1.0
-            self.board.times(feedback, self._since)
+            self._each(lambda page: page.timing.show(feedback))
 
     def stop(self) -> None:
         """End ``run``."""
@@ -179,7 +185,7 @@ class PanelServer:
         try:
             if self.watching.attach() is not None:
                 self.journal.tell("a kernel runs again")
-                self._since = None
+                self._each(lambda page: page.timing.restart())
         except SjerkError as fault:
             self.board.gone(str(fault))
 
