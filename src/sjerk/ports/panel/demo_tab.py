@@ -180,7 +180,7 @@ class DemoTab:
             self._report(run, seen)
 
     def _draw(self, run: _Run, seen: Snapshot) -> None:
-        begin = run.experiment.begin
+        begin = run.experiment.begun_ns
         at, position = seen.drawn(0, "position", origin=begin)
         _, actual = seen.drawn(0, "actual position", origin=begin)
         points = np.full(len(at), np.nan)

@@ -81,6 +81,8 @@ class Experiment:
         self._limits = paper_limits(own.unit, own.limits)
         #: The cycle before the first one of the run.
         self.begin = host.feedback().cycle
+        #: Where its time begins, ns of the monotonic clock.
+        self.begun_ns = time.monotonic_ns()
         self._sent: list[Move] = []
         self._end = threading.Event()
         self._thread = threading.Thread(target=self._run, name="experiment", daemon=True)

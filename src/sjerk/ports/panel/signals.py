@@ -159,8 +159,7 @@ class Signals:
     def _saved(self) -> None:
         everyone = self._axis.value == _ALL
         axes = list(range(self._desk.axes)) if everyone else [self._number()]
-        seen = self._whole().between(*self._seconds())
-        seen = Snapshot(seen.cycles, seen.rows[:, axes], seen.cycle_time)
+        seen = self._whole().between(*self._seconds()).of(axes)
         names = [self._desk.names[i] for i in axes]
         name = f"sjerk-{time.strftime('%Y%m%d-%H%M%S')}"
         if self._save.value == "Parquet":
@@ -189,7 +188,7 @@ class Signals:
 
         else:
             seen = frozen.between(begin, end)
-            last = int(frozen.cycles[-1]) if len(frozen.cycles) else 0
+            last = int(frozen.stamps[-1]) if len(frozen.stamps) else 0
 
             def rows(axis: int, signal: str) -> tuple[NDArray[Any], NDArray[Any]]:
                 return seen.drawn(axis, signal, origin=last)

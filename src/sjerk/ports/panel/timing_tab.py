@@ -51,7 +51,7 @@ class TimingTab:
                 + "".join(f"<td style='text-align:right'>{1e6 * v:.1f}</td>" for v in cells)
                 + "</tr>"
             )
-            self._histograms[key].data = _steps(one)
+            self._histograms[key].data = steps(one)
         granted = timing.clock.scheduling
         rights = granted.asked if granted.granted else f"not granted: {granted.reason}"
         self._times.content = (
@@ -79,13 +79,20 @@ def _histogram(gui: Any, key: str) -> Any:
     )
 
 
-def _steps(times: Distribution) -> tuple[NDArray[Any], NDArray[Any]]:
-    """The histogram as a line, both axes to be read by powers of ten."""
+def steps(times: Distribution) -> tuple[NDArray[Any], NDArray[Any]]:
+    """The histogram as a line, both axes to be read by powers of ten.
+
+    From a power of ten to another one: uPlot can hang where a logarithmic axis is shorter than a
+    decade, as that of the period is in the first seconds.
+    """
     used = np.flatnonzero(times.buckets)
     if not len(used):
         return np.array([0.1, 1.0]), np.zeros(2)
     first, last = max(0, int(used[0]) - 1), min(len(times.buckets) - 1, int(used[-1]) + 1)
     edges = BUCKET_EDGES[first : last + 2] * 1e6
-    x = np.repeat(edges, 2)[1:-1]
-    x[1::2] *= 1.0 - 1e-9  # abscissas must grow
-    return x, np.repeat(np.log10(1.0 + times.buckets[first : last + 1]), 2)
+    x = np.repeat(edges, 2)
+    x[::2] *= 1.0 - 1e-9  # abscissas must grow
+    counts = np.repeat(np.log10(1.0 + times.buckets[first : last + 1]), 2)
+    low = 10.0 ** np.floor(np.log10(x[0]) - 1e-9)
+    high = 10.0 ** np.ceil(np.log10(x[-1]) + 1e-9)
+    return np.concatenate([[low], x, [high]]), np.concatenate([[0.0, 0.0], counts, [0.0, 0.0]])
