@@ -18,8 +18,9 @@ from sjerk.cycle.states import AxisState
 from sjerk.host import AxisFeedback, Feedback
 from sjerk.host.reasons import fault_words
 from sjerk.ports.panel.desk import Desk, Proposal
-from sjerk.ports.panel.figure import RED, Colour, Figure
+from sjerk.ports.panel.figure import RED, Figure
 from sjerk.ports.panel.shapes import Shape
+from sjerk.ports.panel.urdf import Colour
 
 _GREEN: Colour = (81, 164, 103)
 _ARM: Colour = (225, 225, 230)
@@ -53,8 +54,9 @@ class Board:
         _floor(scene)
         self._robot = self._ghost = None
         if desk.arm is not None:
-            self._robot = Figure(scene, desk.arm, "/robot", _ARM)
-            self._ghost = Figure(scene, desk.arm, "/goal", _GHOST, opacity=0.35)
+            seen = desk.settings.visuals
+            self._robot = Figure(scene, desk.arm, "/robot", None, visuals=seen)
+            self._ghost = Figure(scene, desk.arm, "/goal", _GHOST, opacity=0.35, visuals=seen)
         else:
             self._rails = Rails(scene, desk)
         self._shapes: dict[str, tuple[Shape, Any]] = {}
@@ -221,12 +223,11 @@ class Board:
                 self._shapes[name] = shape, self._added(name, shape)
 
     def _added(self, name: str, shape: Shape) -> Any:
-        scene, root, up = self._server.scene, "/scene", 0.0
-        if shape.attached and self._robot is not None and self._desk.arm is not None:
-            root, up = f"{self._robot.last}/tool", self._desk.arm.flange
-        x, y, z = shape.centre
+        scene, root = self._server.scene, "/scene"
+        if shape.attached and self._robot is not None:
+            root = self._robot.tool
         common: dict[str, Any] = {
-            "position": (x, y, z + up),
+            "position": shape.centre,
             "wxyz": (math.cos(shape.yaw / 2.0), 0.0, 0.0, math.sin(shape.yaw / 2.0)),
             "color": _GREEN,
         }

@@ -164,7 +164,7 @@ class Page:
             self.say(answers[word])
 
     def _download(self, name: str, data: bytes) -> None:
-        self.client.send_file_download(name, data)
+        self.client.send_file_download(name, data, save_immediately=True)
 
     def _theme(self, dark: bool) -> None:
         self.client.gui.configure_theme(
