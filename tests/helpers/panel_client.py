@@ -99,6 +99,7 @@ class Client:
         self.elements: list[tuple[str, str, str]] = []  # type, label, uuid
         self.props: dict[str, dict[str, Any]] = {}
         self.scene: dict[str, dict[str, Any]] = {}
+        self.nodes: dict[str, dict[str, Any]] = {}  # of the scene, as they were made
         self.frames = 0
         self.bytes = 0
         self.on_message: Callable[[dict[str, Any]], None] = lambda message: None
@@ -139,6 +140,8 @@ class Client:
                 props["value"] = message["value"]
             self.props[message["uuid"]] = props
             self.elements.append((kind, str(props.get("label", "")), message["uuid"]))
+        elif "name" in message and "props" in message:
+            self.nodes[message["name"]] = message
         elif kind == "SceneNodeUpdateMessage":
             self.scene.setdefault(message["name"], {}).update(message["updates"])
         self.on_message(message)

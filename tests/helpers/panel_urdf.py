@@ -25,6 +25,26 @@ PANDA = [
 ]
 
 
+def panda(
+    shape: str = "<sphere radius='0.05'/>", element: str = "collision", *, end: str = ""
+) -> str:
+    """The maker's description, with one shape for all links."""
+    solid = f"<{element}><geometry>{shape}</geometry></{element}>"
+    rows = ["<robot name='panda'>", f"<link name='panda_link0'>{solid}</link>"]
+    for i, (name, xyz, rpy) in enumerate(PANDA, start=1):
+        x, y = " ".join(map(repr, xyz)), " ".join(map(repr, rpy))
+        rows.append(
+            f"<link name='panda_link{i}'>{solid}</link><joint name='{name}' type='revolute'>"
+            f"<parent link='panda_link{i - 1}'/><child link='panda_link{i}'/>"
+            f"<origin xyz='{x}' rpy='{y}'/><axis xyz='0 0 1'/></joint>"
+        )
+    rows.append(
+        "<link name='flange'/><joint name='panda_joint8' type='fixed'><parent link='panda_link7'/>"
+        "<child link='flange'/><origin xyz='0 0 0.107'/></joint>"
+    )
+    return "\n".join([*rows, end, "</robot>"])
+
+
 @dataclass
 class Joint:
     """One joint of a made robot."""

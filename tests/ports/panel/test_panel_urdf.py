@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from helpers import panel_judge, panel_urdf
 from helpers.panel_bench import PANDA, RANGES, SETTINGS
+from helpers.panel_urdf import panda
 from sjerk.__main__ import main
 from sjerk.errors import ConfigError
 from sjerk.ports.panel.capsules import capsule_mesh, least_capsule
@@ -25,24 +26,6 @@ from sjerk.ports.panel.urdf import UrdfError, read_urdf
 TABLE = tomllib.loads(PANDA.read_text())
 NAMES = [row["name"] for row in TABLE["axes"]]
 same_folder = settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
-
-
-def panda(shape: str = "<sphere radius='0.05'/>", *, end: str = "") -> str:
-    """The maker's description, with one shape for all links."""
-    solid = f"<collision><geometry>{shape}</geometry></collision>"
-    rows = ["<robot name='panda'>", f"<link name='panda_link0'>{solid}</link>"]
-    for i, (name, xyz, rpy) in enumerate(panel_urdf.PANDA, start=1):
-        x, y = " ".join(map(repr, xyz)), " ".join(map(repr, rpy))
-        rows.append(
-            f"<link name='panda_link{i}'>{solid}</link><joint name='{name}' type='revolute'>"
-            f"<parent link='panda_link{i - 1}'/><child link='panda_link{i}'/>"
-            f"<origin xyz='{x}' rpy='{y}'/><axis xyz='0 0 1'/></joint>"
-        )
-    rows.append(
-        "<link name='flange'/><joint name='panda_joint8' type='fixed'><parent link='panda_link7'/>"
-        "<child link='flange'/><origin xyz='0 0 0.107'/></joint>"
-    )
-    return "\n".join([*rows, end, "</robot>"])
 
 
 @same_folder
@@ -172,9 +155,15 @@ BAD = [
     (panda().replace("'revolute'", "'screw'", 1), "'screw' must be one of"),
     (panda().replace("xyz='0 0 1'", "xyz='0 0 0'", 1), "has no direction"),
     (panda().replace("xyz='0 0 1'", "xyz='0 nan 1'", 1), "must be 3 numbers"),
-    (panda().replace("panda_link2'/><child", "nowhere'/><child", 1), "there is no link 'nowhere'"),
+    (
+        panda().replace("panda_link2'/><child", "nowhere'/><child", 1),
+        "there is no link 'nowhere'",
+    ),
     (panda().replace("panda_joint7", "elbow"), "has the name of the axis panda_joint7"),
-    (panda().replace("'revolute'", "'fixed'", 1), "has the name of the axis panda_joint1"),
+    (
+        panda().replace("'revolute'", "'fixed'", 1),
+        "has the name of the axis panda_joint1",
+    ),
     (panda("<sphere radius='-1'/>"), "must be greater than 0"),
     (panda("<cone/>"), "no geometry that is known"),
     (panda("<mesh filename='none.stl'/>"), "there is no file 'none.stl'"),

@@ -56,7 +56,7 @@ class Signals:
             self._bounds = gui.add_checkbox("Limits", True, hint="off: the scale fits the signal")
             self._act = gui.add_button_group("Picture", ("Freeze", "Go on"))
             self._span = gui.add_multi_slider(
-                "Seconds", min=-8.0, max=0.0, step=0.01, initial_value=(-8.0, 0.0)
+                "Seconds", min=-8.0, max=0.0, step=0.05, initial_value=(-8.0, 0.0)
             )
             self._save = gui.add_button_group(
                 "Save it", ("CSV", "Parquet"), hint="every cycle of what is seen"
