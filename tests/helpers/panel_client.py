@@ -210,6 +210,12 @@ class Client:
                 return found.group(1)
         return ""
 
+    @property
+    def answers(self) -> int:
+        """How many there were so far."""
+        numbers = re.findall(r"class='sjerk-said' data-answer='(\d+)'", self.html)
+        return max(map(int, numbers), default=0)
+
     def told(self, words: str) -> str:
         """Wait for an answer or a text."""
         until(lambda: words in self.html, f"{words!r} in the page; it said {self.said!r}")

@@ -13,19 +13,20 @@ import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from playwright.sync_api import Browser
 
 from helpers import panel_judge as judge
-from helpers.panel_bench import PANDA, RANGES, ROBOT
+from helpers.panel_bench import PANDA, ROBOT
 from helpers.panel_client import PATIENCE, Client, PanelProcess, panel, until
 from helpers.panel_page import PROGRAM, Seen, at_rest, chromium, mortal
 from sjerk import Monitor, Recorder, Recording
 from sjerk.errors import SjerkError
 
-pytestmark = pytest.mark.skipif(not PROGRAM, reason="no chromium, and none by apt")
+needs_browser = pytest.mark.skipif(not PROGRAM, reason="no chromium, and none by apt")
 
 LAST = 6
 #: A pose that is reached by turning the last joint only, for some seconds.
@@ -39,14 +40,21 @@ def browser() -> Iterator[Browser]:
         yield one
 
 
-@pytest.fixture
-def running(tmp_path: Path) -> Iterator[PanelProcess]:
-    """A panel on a robot of one's own, slower, with one more pose."""
+def slower(folder: Path) -> None:
+    """A robot of one's own in a folder, slower, with one more pose."""
     text = re.sub(r"velocity = [\d.]+", "velocity = 0.5", PANDA.read_text())
-    pose = f"[panel.poses]\nturned = {TURNED.tolist()}\n"
+    back = [*TURNED[:LAST].tolist(), -float(TURNED[LAST])]
+    pose = f"[panel.poses]\nturned = {TURNED.tolist()}\nback = {back}\n"
     text = text.replace("[panel.poses]\n", pose)
-    (tmp_path / "robot.toml").write_text(text)
-    with panel("robot.toml", name=f"loss-{time.time_ns()}", folder=tmp_path) as process:
+    (folder / "robot.toml").write_text(text)
+
+
+@pytest.fixture(scope="module")
+def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[PanelProcess]:
+    """A panel, and the kernel that it has started."""
+    folder = tmp_path_factory.mktemp("loss")
+    slower(folder)
+    with panel("robot.toml", name=f"loss-{time.time_ns()}", folder=folder) as process:
         yield process
 
 
@@ -57,6 +65,11 @@ def within_limits(recording: Recording) -> None:
         for name in ("velocity", "acceleration", "jerk"):
             most = float(np.abs(getattr(recording, name)[:, i]).max())
             assert most <= getattr(axis.limits, name) * (1.0 + 1e-6), (name, i)
+
+
+def away(at: float) -> float:
+    """The last joint's end of the way to go, on the other side."""
+    return -abs(float(TURNED[LAST])) if at > 0.0 else abs(float(TURNED[LAST]))
 
 
 def moves(seen: Seen, monitor: Monitor) -> bool:
@@ -71,6 +84,24 @@ def moves(seen: Seen, monitor: Monitor) -> bool:
     return False
 
 
+def judged(recording: Recording, what: str, goal: float) -> None:
+    """At rest before the goal, on the path and never back on it, within limits."""
+    within_limits(recording)
+    assert abs(recording.position[-1, LAST] - goal) > 0.05
+    start = recording.position[0]
+    moved = recording.position - start
+    way = np.eye(len(TURNED))[LAST] * (goal - start[LAST])
+    if what == "path":
+        way = TURNED * 1.0
+        way[LAST] = goal
+        way -= start
+    share = moved @ way / (way @ way)
+    assert np.abs(moved - share[:, None] * way).max() < 1e-9
+    assert (np.diff(share) >= -1e-12).all()
+    assert (recording.velocity[-1] == 0.0).all()
+
+
+@needs_browser
 @pytest.mark.parametrize("death", [signal.SIGSTOP, signal.SIGKILL])
 @pytest.mark.parametrize("what", ["jog", "path"])
 def test_what_a_browser_started_does_not_outlive_it(
@@ -80,37 +111,29 @@ def test_what_a_browser_started_does_not_outlive_it(
     with Monitor.attach(running.name) as monitor, mortal(browser) as (doomed, die):
         seen = Seen(doomed, running.lead)
         seen.lead()
-        goal = float(RANGES[LAST][0])
+        goal = away(monitor.feedback().axes[LAST].position)
         if what == "path":
-            goal = float(TURNED[LAST])
-            seen.pose("turned")
+            seen.pose("turned" if goal < 0.0 else "back")
         with Recorder(running.name, None) as recorder:
             if what == "path":
                 until(lambda: moves(seen, monitor), "moves")
             else:
                 seen.tab("Jog")
-                seen.hold("panda_joint7 −", lambda: monitor.feedback().moving, "moves")
+                sign = "−" if goal < 0.0 else "+"
+                seen.hold(f"panda_joint7 {sign}", lambda: monitor.feedback().moving, "moves")
             assert die(death) > 1
             until(lambda: at_rest(monitor), "at rest")
             until(lambda: monitor.host_pid is None, "the lead is free")
-        rest = monitor.feedback().axes[LAST].position
-        assert rest > goal + 0.05
-        recording = recorder.recording
-        within_limits(recording)
-        moved = recording.position - recording.position[0]
-        way = TURNED - recording.position[0] if what == "path" else -np.eye(len(TURNED))[LAST]
-        share = moved @ way / (way @ way)
-        assert np.abs(moved - share[:, None] * way).max() < 1e-9  # on the path
-        assert (np.diff(share) >= -1e-12).all()  # and never back
+        judged(recorder.recording, what, goal)
     later = Client(running.lead)
     later.order("Take the lead", "this browser leads")
     later.told("leads no longer")
     later.close()
 
 
-def kernel_process(name: str, folder: Path) -> subprocess.Popen[bytes]:
-    """``sjerk kernel`` on the shipped robot."""
-    words = ["kernel", str(PANDA), "--name", name]
+def kernel_process(name: str, folder: Path, robot: Path = PANDA) -> subprocess.Popen[bytes]:
+    """``sjerk kernel`` on a robot, the shipped one where none is named."""
+    words = ["kernel", str(robot), "--name", name]
     command = [sys.executable, "-m", "sjerk", *words]
     process = subprocess.Popen(command, cwd=folder, stdout=subprocess.DEVNULL)
 
@@ -125,6 +148,49 @@ def kernel_process(name: str, folder: Path) -> subprocess.Popen[bytes]:
     return process
 
 
+@pytest.mark.parametrize("death", [signal.SIGSTOP, signal.SIGKILL])
+@pytest.mark.parametrize("what", ["jog", "path"])
+def test_what_a_panel_started_does_not_outlive_it(
+    tmp_path: Path, what: str, death: signal.Signals
+) -> None:
+    """It is frozen: the kernel's own watch; it is killed: its host is gone. Both halt on the way."""
+    slower(tmp_path)
+    name = f"death-{time.time_ns()}"
+    kernel = kernel_process(name, tmp_path, tmp_path / "robot.toml")
+    process = PanelProcess("robot.toml", name=name, folder=tmp_path)
+    try:
+        with Monitor.attach(name) as monitor:
+            client = Client(process.lead)
+            client.order("Take the lead", "this browser leads")
+            client.order("Drives", "drives follow", "Enable")
+            client.set("Pose", "turned")
+            client.set("To goal", "Set goal")
+
+            def begins() -> bool:
+                if what == "path":
+                    client.order("Plan & Execute", "in motion")
+                for _ in range(100):  # again where a busy machine let the hand go
+                    if what == "jog":
+                        client.hold("panda_joint7 −")
+                    time.sleep(0.03)
+                    if monitor.feedback().moving:
+                        return True
+                return False
+
+            with Recorder(name, None) as recorder:
+                until(begins, "moves")
+                process.process.send_signal(death)
+                until(lambda: at_rest(monitor), "at rest")
+            judged(recorder.recording, what, float(TURNED[LAST]))
+    finally:
+        process.process.kill()
+        process.process.wait()
+        client.close()
+        kernel.terminate()
+        kernel.wait(PATIENCE)
+
+
+@needs_browser
 @pytest.mark.parametrize("death", [signal.SIGTERM, signal.SIGKILL])
 def test_a_kernel_that_ends_is_told_and_one_that_comes_is_taken_without_a_lead(
     browser: Browser, tmp_path: Path, death: signal.Signals
@@ -179,16 +245,17 @@ def angle(number: int, wxyz: list[float]) -> float:
     return math.remainder(2.0 * math.atan2(z, w), 2.0 * math.pi)
 
 
+@needs_browser
 def test_the_arm_in_the_scene_stands_as_the_kernel_says_while_it_moves(
     browser: Browser, running: PanelProcess
 ) -> None:
     """All angles of one look are those of one cycle, within 1e-4 rad, in order."""
     seen = Seen(browser, running.lead)
     seen.lead()
-    seen.pose("left")
-    seen.press("Plan", "s through")
-    looks = []
+    looks: list[Any] = []
     with Monitor.attach(running.name) as monitor, Recorder(running.name, None) as recorder:
+        seen.pose("ready" if monitor.feedback().axes[0].position > 0.5 else "left")
+        seen.press("Plan", "s through")
         seen.press("Execute", "in motion|on the goal")
         while not at_rest(monitor) or len(looks) < 5:
             looks.append(seen.page.evaluate(SCENE))

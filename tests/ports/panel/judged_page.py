@@ -330,7 +330,7 @@ def test_a_shape_is_added_and_voids_the_plan(seen: Seen, monitor: Monitor) -> No
     seen.choose("Shape", "(new)")
     seen.fill("Name", "wall")
     seen.fill("Size [m]", 0.05, 0.6, 0.8)
-    seen.fill("Place [m]", 0.45, 0.45, 0.4)
+    seen.fill("Place [m]", 0.31, 0.4, 0.4)
     seen.press("Add or change", "wall is in the scene")
     seen.picture("scene")
     seen.tab("Plan")

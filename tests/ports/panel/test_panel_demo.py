@@ -57,7 +57,13 @@ def played(
 
     with Recorder(bench.kernel.name, None) as recorder:
         run = Experiment(
-            bench.lead.of(ONE), 0, recorded, method, stops=lambda: bench.lead.stops, over=told
+            bench.lead.of(ONE),
+            0,
+            recorded,
+            method,
+            stops=lambda: bench.lead.stops,
+            first=bench.lead.stops,
+            over=told,
         )
         bench.lead.use(run.close)
         if stop_at < np.inf:
@@ -108,6 +114,7 @@ def test_a_browser_that_leaves_ends_it(bench: Bench) -> None:
         PATH,
         Method.INTERRUPTED,
         stops=lambda: bench.lead.stops,
+        first=bench.lead.stops,
         over=lambda _: over.set(),
     )
     bench.lead.use(run.close)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -20,7 +21,7 @@ from helpers.panel_bench import ONE, Bench, ideal_kernel
 from helpers.panel_client import until
 from sjerk import MotionKernel, Recorder
 from sjerk.errors import InputError, SjerkError
-from sjerk.host import PathState
+from sjerk.host import Host, PathState
 from sjerk.ports.panel.desk import AskAgainError, Desk, number, rotation, turn_of
 from sjerk.ports.panel.figure import quaternion
 from sjerk.ports.panel.holding import LIMIT, SILENCE, Holds, Press
@@ -250,6 +251,58 @@ def test_anybody_may_stop_and_the_second_press_is_a_quick_stop(bench: Bench) -> 
     time.sleep(0.1)
     assert not bench.moves
     assert bench.lead.browser == ONE
+
+
+def test_what_was_ordered_before_a_stop_does_not_begin_after_it(bench: Bench) -> None:
+    """A plan that took its time, and a motion that is commanded beside the stop."""
+    desk = bench.ready()
+    desk.set_goal(ONE, other_goal(desk))
+    stops = bench.lead.stops
+    desk.plan(ONE, FULL, avoid=True)
+    bench.lead.stop()
+    with pytest.raises(NotLeadingError, match="a stop came in between"):
+        desk.execute(ONE, agreed=None, stops=stops)
+    assert not bench.moves
+
+    def beside(host: Host) -> None:
+        bench.lead.stop()
+        host.jog({6: -0.1})
+
+    at = desk.commanded()
+    with pytest.raises(NotLeadingError, match="a stop came in between"):
+        bench.lead.order(ONE, beside)
+    bench.rests()
+    assert np.abs(desk.commanded() - at).max() < 0.1
+    desk.plan(ONE, FULL, avoid=True)
+    desk.execute(ONE, agreed=None, stops=bench.lead.stops).wait(60.0)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_stop_ends_a_held_jog_at_whatever_moment_it_comes(bench: Bench, seed: int) -> None:
+    """Also between the message of the press and its motion; a hand that goes on is cut."""
+    bench.ready()
+    over, begun = threading.Event(), threading.Event()
+
+    def hold() -> None:
+        while not over.wait(0.0005):
+            bench.lead.jog(ONE, 6, -0.2 if seed % 2 else 0.2)
+            begun.set()
+
+    hand = threading.Thread(target=hold)
+    hand.start()
+    try:
+        begun.wait(60.0)
+        time.sleep(np.random.default_rng(seed).uniform(0.0, 0.005))
+        bench.lead.stop()
+        bench.lead.let_all_go()
+        bench.rests()
+        at = bench.desk.commanded()
+        over.wait(0.05)  # held all the time
+        assert (bench.desk.commanded() == at).all()
+    finally:
+        over.set()
+        hand.join()
+        bench.lead.release(ONE, 6)
 
 
 def test_what_a_browser_started_does_not_outlive_it(bench: Bench) -> None:

@@ -62,7 +62,7 @@ class DemoTab:
         self._velocity = self._plot(gui, "velocity", "limit")
         self._told = gui.add_html("")
         self._start.on_click(lambda _: page.do(self._first))
-        self._play.on_click(lambda _: page.do(self._played))
+        page.on_press(self._play, self._played)
         self._cancel.on_click(lambda _: page.do(self._cancelled))
         self.locked = [self._start, self._play, self._cancel]
 
@@ -110,7 +110,7 @@ class DemoTab:
         self._desk.set_goal(self._page.browser, goal.tolist())
         self._page.say("the goal is the path's first point: plan and execute in Plan")
 
-    def _played(self) -> None:
+    def _played(self, stops: int) -> None:
         desk, page = self._desk, self._page
         host = desk.lead.of(page.browser)
         i, recorded = self._axis()
@@ -128,8 +128,9 @@ class DemoTab:
         self._clear(i, recorded)
         own = desk.limits[i]
         self._why = None
+        desk.lead.check_stops(stops)
         experiment = Experiment(
-            host, i, recorded, method, stops=lambda: desk.lead.stops, over=self._over
+            host, i, recorded, method, stops=lambda: desk.lead.stops, first=stops, over=self._over
         )
         desk.lead.use(experiment.close)
         self._run = _Run(experiment, i, recorded, paper_limits(desk.units[i], own))

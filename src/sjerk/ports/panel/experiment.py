@@ -61,8 +61,8 @@ def paper_limits(unit: str, own: Limits) -> Limits:
 class Experiment:
     """One run, begun at once. ``recorded`` in axis units; the axis rests at its first point.
 
-    ``stops`` counts the stops that were asked for: the run ends with the next one. ``over`` gets
-    "" at its end, or the reason.
+    ``stops`` counts the stops that were asked for, ``first`` is how many there were when it was
+    ordered: the run ends with the next one. ``over`` gets "" at its end, or the reason.
     """
 
     def __init__(
@@ -73,10 +73,11 @@ class Experiment:
         method: Method,
         *,
         stops: Callable[[], int],
+        first: int,
         over: Callable[[str], None],
     ) -> None:
         self._host, self._axis, self._recorded, self._method = host, axis, recorded, method
-        self._stops, self._first, self._over = stops, stops(), over
+        self._stops, self._first, self._over = stops, first, over
         own = host.feedback().axes[axis]
         self._limits = paper_limits(own.unit, own.limits)
         #: The cycle before the first one of the run.

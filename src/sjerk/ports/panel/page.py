@@ -6,6 +6,7 @@ Each order is checked by the desk, whatever this page shows. Never here: plannin
 from __future__ import annotations
 
 import html
+import time
 from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
@@ -24,8 +25,14 @@ from sjerk.ports.panel.scene_tab import SceneTab
 from sjerk.ports.panel.signals import Signals
 from sjerk.ports.panel.timing_tab import TimingTab
 
-#: Seconds until drives must follow, or faults be reset.
-_PATIENCE = 3.0
+#: Seconds until drives must follow, and between two looks.
+_PATIENCE, _LOOK = 3.0, 0.02
+
+
+def _enable(host: Host) -> None:
+    """Ask for it, and wait for nothing."""
+    with suppress(TimeoutError):
+        host.enable(timeout=1e-6)
 
 
 class Page:
@@ -47,7 +54,11 @@ class Page:
                 order=1.0,
                 hint="jerk-limited halt of all axes, whoever leads; again within 2 s: quick stop",
             )
-        self.stop.on_click(lambda _: self._stop())
+
+        async def stop(_: Any) -> None:  # on the event loop: no order that waits is before it
+            self._stop()
+
+        self.stop.on_click(stop)
         self.signals = Signals(gui, desk, signals, download=self._download, do=self.do)
         self.timing = TimingTab(gui, timing)
         if role == "lead":
@@ -75,7 +86,7 @@ class Page:
             self.take = gui.add_button("Take the lead", icon=viser.Icon.STEERING_WHEEL, order=3.0)
             self.power = gui.add_button_group("Drives", ("Enable", "Disable", "Reset"), order=4.0)
         self.take.on_click(lambda _: self.do(self._toggle))
-        self.power.on_click(lambda _: self.do(self._power))
+        self.on_press(self.power, self._power)
         group = gui.add_tab_group(order=0.4)
         with group.add_tab("Plan"):
             self.plan = PlanTab(self, gui)
@@ -104,6 +115,19 @@ class Page:
         except (SjerkError, TimeoutError, OSError) as fault:
             self.say(str(fault), bad=True)
             self.desk.journal.tell(f"browser {self.browser}: {fault}", bad=True)
+
+    def on_press(self, button: Any, work: Callable[[int], object]) -> None:
+        """A button that moves something: ``work`` gets the number of stops when it was pressed.
+
+        So that nothing begins to move after a stop that was pressed later, however long it waits.
+        """
+
+        async def pressed(_: Any) -> None:
+            stops = self.desk.lead.stops
+            with suppress(RuntimeError):  # the panel ends
+                self.desk.workers.submit(self.do, lambda: work(stops))
+
+        button.on_click(pressed)
 
     def say(self, text: str, *, bad: bool = False) -> None:
         """One line under the buttons."""
@@ -137,6 +161,7 @@ class Page:
     def _stop(self) -> None:
         def stop() -> None:
             what = self.desk.lead.stop()
+            self.desk.workers.submit(self.do, self.desk.lead.let_all_go)
             self.say(f"{what} asked for")
             self.desk.journal.tell(f"browser {self.browser}: STOP, {what}")
 
@@ -151,17 +176,22 @@ class Page:
             lead.take(self.browser)
             self.say("this browser leads")
 
-    def _power(self) -> None:
-        orders: dict[str, Callable[[Host], object]] = {
-            "Enable": lambda host: host.enable(timeout=_PATIENCE),
-            "Disable": lambda host: host.disable(timeout=0.0),
-            "Reset": lambda host: host.reset(timeout=_PATIENCE),
-        }
-        answers = {"Enable": "drives follow", "Disable": "drives stop", "Reset": "faults are reset"}
-        word = str(self.power.value)
-        if word in orders:
-            self.desk.lead.order(self.browser, orders[word])
-            self.say(answers[word])
+    def _power(self, stops: int) -> None:
+        lead, word = self.desk.lead, str(self.power.value)
+        if word == "Reset":
+            lead.reset(self.browser)
+            self.say("faults are reset")
+        elif word == "Disable":
+            lead.order(self.browser, lambda host: host.disable(timeout=0.0))
+            self.say("drives stop")
+        elif word == "Enable":
+            lead.order(self.browser, _enable, stops=stops)
+            until = time.monotonic() + _PATIENCE
+            while not self.desk.watching.follow():
+                if time.monotonic() > until:
+                    raise TimeoutError(f"the drives do not follow within {_PATIENCE:g} s")
+                time.sleep(_LOOK)
+            self.say("drives follow")
 
     def _download(self, name: str, data: bytes) -> None:
         self.client.send_file_download(name, data, save_immediately=True)

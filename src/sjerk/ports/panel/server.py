@@ -8,6 +8,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import io
+import logging
 import math
 import threading
 import time
@@ -76,6 +77,8 @@ class PanelServer:
         # any browser may ask viser for a public tunnel
         self.server.request_share_url = self._no_tunnel
         self.server.disconnect_share_url = lambda *a, **k: None
+        self._noise = _Refused(self.journal)
+        logging.getLogger("asyncio").addFilter(self._noise)
         self.board = Board(self.server, self.desk)
         self._pages: dict[int, Page] = {}
         self._building = threading.Lock()
@@ -167,6 +170,7 @@ class PanelServer:
         self._end.set()
         self.desk.close()
         self._stop_server()
+        logging.getLogger("asyncio").removeFilter(self._noise)
         self.watching.close()
 
     def _stop_server(self) -> None:
@@ -215,6 +219,21 @@ class PanelServer:
         for page in list(self._pages.values()):
             with suppress(RuntimeError):
                 work(page)
+
+
+class _Refused(logging.Filter):
+    """What viser could not read of a browser is a line of the events, not pages in the terminal."""
+
+    def __init__(self, journal: Journal) -> None:
+        super().__init__()
+        self._journal = journal
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        """Whether it is of anything else."""
+        if "_handle_incoming_message" not in record.getMessage():
+            return True
+        self._journal.tell("a browser sent what is no value: refused", bad=True)
+        return False
 
 
 def _quiet() -> contextlib.redirect_stdout[io.StringIO]:
