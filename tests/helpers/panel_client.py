@@ -62,6 +62,11 @@ class PanelProcess:
         """The link that views."""
         return str(self.links["view"])
 
+    def kill(self) -> None:
+        """At once, whatever it does."""
+        self.process.kill()
+        self.close()
+
     def close(self) -> int:
         """As Ctrl-C does; the exit code."""
         if self.process.poll() is None:

@@ -38,6 +38,13 @@ FEWER_PICTURES = """
     };
     window.cancelAnimationFrame = (id) => { clearTimeout(asked.get(id)); asked.delete(id); };
 """
+#: Where no picture is wanted nothing is drawn: the scene is judged by its nodes. What draws in
+#: software is a processor's work for a second each time, which the page's scripts would wait for.
+NO_DRAWING = """
+    for (const kind of [WebGLRenderingContext, WebGL2RenderingContext])
+        for (const name of Object.getOwnPropertyNames(kind.prototype))
+            if (/^draw(Arrays|Elements|Range)/.test(name)) kind.prototype[name] = () => {};
+"""
 
 
 @contextmanager
@@ -116,7 +123,7 @@ class Seen:
             device_scale_factor=1.0 if PICTURES else 0.5,
         )
         self.page.set_default_timeout(60_000)
-        self.page.add_init_script(FEWER_PICTURES)
+        self.page.add_init_script(FEWER_PICTURES + ("" if PICTURES else NO_DRAWING))
         self.requests: list[str] = []
         self.faults: list[str] = []
         self.bytes = 0
