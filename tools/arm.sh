@@ -1,6 +1,7 @@
 #!/bin/sh
 # Builds the C for aarch64 with Debian's cross compiler and runs the golden programs under qemu-user.
 #   tools/arm.sh FOLDER PYTHON [COMMAND...]   without root; COMMAND runs in place of the golden programs
+# SJERK_WHEEL names a wheel for aarch64 that is taken in place of a build.
 # FOLDER keeps the tools between runs. What it needs and cannot have is told in a line: SKIPPED.
 set -eu
 here=$(dirname "$(dirname "$(readlink -f "$0")")")
@@ -58,22 +59,26 @@ if [ ! -e "$folder/site-$version/.complete" ]; then
     : >"$folder/site-$version/.complete"
 fi
 
-# the extension, by the flags of CMakeLists.txt
+# the package: the wheel, or the extension by the flags of CMakeLists.txt
 build=$folder/build
 rm -rf "$build"
 mkdir -p "$build"
-tar -c -C "$here/src" --exclude='*.c' --exclude='*.h' --exclude='*.so' --exclude=__pycache__ sjerk | tar -x -C "$build"
-"$python" "$here/tools/contract.py" "$build/_core.cdef" "$build/_core.c.in"
-"$python" -m cffi.gen_src read-sources sjerk._core "$build/_core.cdef" "$build/_core.c.in" "$build/_core.c" >/dev/null
 LD_LIBRARY_PATH=$tools/usr/lib/x86_64-linux-gnu PATH=$tools/usr/bin:$PATH
 export PATH LD_LIBRARY_PATH
-printf 'arm: %s\n' "$(aarch64-linux-gnu-gcc --version | head -n 1)"
-# shellcheck disable=SC2046 # names without spaces
-aarch64-linux-gnu-gcc --sysroot="$target" -B"$target/usr/lib/aarch64-linux-gnu" \
-    -isystem "$target/usr/include/aarch64-linux-gnu" -isystem "$target/usr/include" -std=c11 -O3 -ffp-contract=off -fno-trapping-math \
-    -flto=auto -fPIC -shared -fvisibility=hidden -DNDEBUG -DPy_LIMITED_API=0x030b0000 -I"$here/src/sjerk" \
-    -I"$target/usr/include/python$version" "$build/_core.c" \
-    $(find "$here/src/sjerk" -name '_*.c') -lm -o "$build/sjerk/_core.abi3.so"
+if [ -n "${SJERK_WHEEL:-}" ]; then
+    "$python" -m zipfile -e "$SJERK_WHEEL" "$build"
+else
+    tar -c -C "$here/src" --exclude='*.c' --exclude='*.h' --exclude='*.so' --exclude=__pycache__ sjerk | tar -x -C "$build"
+    "$python" "$here/tools/contract.py" "$build/_core.cdef" "$build/_core.c.in"
+    "$python" -m cffi.gen_src read-sources sjerk._core "$build/_core.cdef" "$build/_core.c.in" "$build/_core.c" >/dev/null
+    printf 'arm: %s\n' "$(aarch64-linux-gnu-gcc --version | head -n 1)"
+    # shellcheck disable=SC2046 # names without spaces
+    aarch64-linux-gnu-gcc --sysroot="$target" -B"$target/usr/lib/aarch64-linux-gnu" \
+        -isystem "$target/usr/include/aarch64-linux-gnu" -isystem "$target/usr/include" -std=c11 -O3 -ffp-contract=off -fno-trapping-math \
+        -flto=auto -fPIC -shared -fvisibility=hidden -DNDEBUG -DPy_LIMITED_API=0x030b0000 -I"$here/src/sjerk" \
+        -I"$target/usr/include/python$version" "$build/_core.c" \
+        $(find "$here/src/sjerk" -name '_*.c') -lm -o "$build/sjerk/_core.abi3.so"
+fi
 [ $# -gt 0 ] || set -- "$here/tools/golden.py"
 export PYTHONPATH="$build:$folder/site-$version" PYTHONDONTWRITEBYTECODE=1
 exec qemu-aarch64 -U LD_LIBRARY_PATH -L "$target" "$arm_python" "$@"

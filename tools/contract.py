@@ -2,6 +2,7 @@
 
     python tools/contract.py                 print the files that the contract is made of
     python tools/contract.py CDEF SOURCE     write what cffi reads, and the C that it compiles
+    python tools/contract.py CDEF SOURCE --portable     the same without the rooms that need Linux
 
 A header of the contract has only structs, enums, prototypes and plain ``#define NAME number``; what
 stands below the line ``/* For C only. */`` is left out. CMake and the sanitizer tests call this.
@@ -11,6 +12,7 @@ from __future__ import annotations
 
 import re
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 SOURCES = Path(__file__).resolve().parent.parent / "src" / "sjerk"
@@ -39,30 +41,34 @@ HEADERS = (
     "ports/ethercat/_frame.h",
     "ports/ethercat/_wire.h",
 )
+#: Rooms whose C speaks with Linux: the clock of the process, and sockets.
+LINUX = ("kernel/", "ports/")
 C_ONLY = "/* For C only. */"
 
 
-def definitions() -> str:
-    """All headers without their preprocessor lines for files, as cffi reads them."""
+def definitions(headers: Sequence[str]) -> str:
+    """The headers without their preprocessor lines for files, as cffi reads them."""
     parts = []
-    for name in HEADERS:
+    for name in headers:
         text = (SOURCES / name).read_text().partition(C_ONLY)[0]
         parts.append(re.sub(r"^#(pragma once|include .*)\n", "", text, flags=re.MULTILINE))
     return "\n".join(parts)
 
 
-def source() -> str:
+def source(headers: Sequence[str]) -> str:
     """The C that the extension's generated code begins with."""
-    return "#include <stddef.h>\n" + "".join(f'#include "{name}"\n' for name in HEADERS)
+    return "#include <stddef.h>\n" + "".join(f'#include "{name}"\n' for name in headers)
 
 
 def main() -> int:
     """Print the headers, or write both files."""
-    if len(sys.argv) == 1:
-        print(*(SOURCES / name for name in HEADERS), sep="\n")
+    words = [word for word in sys.argv[1:] if word != "--portable"]
+    headers = [name for name in HEADERS if words == sys.argv[1:] or not name.startswith(LINUX)]
+    if not words:
+        print(*(SOURCES / name for name in headers), sep="\n")
         return 0
-    Path(sys.argv[1]).write_text(definitions())
-    Path(sys.argv[2]).write_text(source())
+    Path(words[0]).write_text(definitions(headers))
+    Path(words[1]).write_text(source(headers))
     return 0
 
 

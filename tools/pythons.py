@@ -19,7 +19,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 SUPPORTED = ("3.11", "3.12", "3.13", "3.14")
 TESTS = ("tests/base", "tests/planner", "tests/cycle", "tests/house/test_public_api.py")
-NEEDED = ("pytest", "hypothesis", "ruckig", "rosbags")
+NEEDED = ("pytest", "hypothesis", "ruckig", "rosbags", "pyarrow", "mcap")
 
 
 def candidates(version: str) -> list[str]:
@@ -60,14 +60,14 @@ def tried(python: str, wheel: Path, folder: Path, words: list[str]) -> str:
     quiet(own, script, cwd=folder)
     quiet(own, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", *NEEDED)
     tests = subprocess.run(
-        [own, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *(words or TESTS)],
+        [own, "-m", "pytest", "-q", "-p", "no:cacheprovider", *(words or TESTS)],
         capture_output=True,
         text=True,
         cwd=ROOT,
         check=False,
     )
     if tests.returncode:
-        raise RuntimeError(tests.stdout + tests.stderr)
+        raise RuntimeError("\n".join((tests.stdout + tests.stderr).splitlines()[-40:]))
     return tests.stdout.strip().splitlines()[-1]
 
 

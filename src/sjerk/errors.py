@@ -6,6 +6,7 @@ Never here: decisions about motion.
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable, Sequence
 from numbers import Real
 
@@ -42,6 +43,20 @@ class ExtraMissingError(SjerkError, ImportError):
         super().__init__(f"module {module!r} is not installed: pip install 'sjerk[{extra}]'")
         self.module = module
         self.extra = extra
+
+
+class PlatformError(SjerkError, ImportError):
+    """What was asked for needs Linux: shared memory with its locks, the clock, EtherCAT's sockets.
+
+    Planning, sampling, trajectories, streams and the simulated drive need none of it.
+    """
+
+    def __init__(self, name: str) -> None:
+        super().__init__(
+            f"{name} needs Linux and this is {sys.platform}; "
+            "planning, sampling, trajectories, streams and the simulated drive work here"
+        )
+        self.name = name
 
 
 class InfeasibleError(SjerkError, ValueError):

@@ -12,6 +12,7 @@ import os
 import subprocess
 import sys
 import sysconfig
+from collections.abc import Sequence
 from pathlib import Path
 
 from helpers.root import ROOT, SOURCES
@@ -22,8 +23,8 @@ FLAGS = [
 ]  # fmt: skip
 
 
-def build(folder: Path) -> None:
-    """Make the package in ``folder``."""
+def build(folder: Path, flags: Sequence[str] = FLAGS, *, portable: bool = False) -> None:
+    """Make the package in ``folder``; ``portable``: without the rooms that need Linux."""
     package = folder / "sjerk"
     package.mkdir()
     for source in SOURCES.iterdir():
@@ -31,14 +32,19 @@ def build(folder: Path) -> None:
             (package / source.name).symlink_to(source)
     binding, cdef, begin = folder / "_core.c", folder / "_core.cdef", folder / "_core.c.in"
     contract = ROOT / "tools" / "contract.py"
-    subprocess.run([sys.executable, contract, cdef, begin], check=True)
+    words = ["--portable"] if portable else []
+    subprocess.run([sys.executable, contract, cdef, begin, *words], check=True)
+    sources = [
+        path for path in sorted(SOURCES.rglob("_*.c"))
+        if not (portable and path.relative_to(SOURCES).parts[0] in ("kernel", "ports"))
+    ]  # fmt: skip
     subprocess.run(
         [sys.executable, "-m", "cffi.gen_src", "read-sources", "sjerk._core", cdef, begin, binding],
         check=True,
     )
     subprocess.run(
-        [os.environ.get("CC", "cc"), *FLAGS, f"-I{SOURCES}", f"-I{sysconfig.get_path('include')}",
-         binding, *sorted(SOURCES.rglob("_*.c")), "-lm", "-o", package / "_core.abi3.so"],
+        [os.environ.get("CC", "cc"), *flags, f"-I{SOURCES}", f"-I{sysconfig.get_path('include')}",
+         binding, *sources, "-lm", "-o", package / "_core.abi3.so"],
         check=True,
     )  # fmt: skip
 

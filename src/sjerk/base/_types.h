@@ -31,6 +31,7 @@ typedef struct {
     int32_t count;                 /* phases used */
     int32_t kind;                  /* enum sj_plan_kind */
     double velocity, acceleration; /* limits it was made under, or 0: rounding is relative */
+    double slipped; /* how much further it ends than asked: of sj_plan_meeting, else 0 */
     sj_phase phase[SJ_PHASES];
 } sj_plan;
 

@@ -76,8 +76,8 @@ int32_t sj_goal_plan(sj_kernel *kernel, sj_goal_set *set, int32_t line)
             set->refused = together[k];
             return SJ_RESULT_LIMIT;
         }
-        if (sj_interpolator_load(trial, &kernel->plan[k], goal->goal, request[k].v1, 0) !=
-            SJ_LOAD_OK)
+        if (sj_interpolator_load(trial, &kernel->plan[k], goal->goal + kernel->plan[k].slipped,
+                                 request[k].v1, 0) != SJ_LOAD_OK)
             return SJ_RESULT_PLAN;
     }
     for (int32_t i = 0; i < set->n; i++) {

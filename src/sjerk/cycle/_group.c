@@ -14,7 +14,7 @@ int32_t sj_group_of(const sj_kernel *kernel, int32_t axis, uint64_t *set, int32_
     int32_t n = 0;
     axes[n++] = axis;
     *set &= ~axis_bit(axis);
-    if (ax->goal.kind != SJ_GOAL_ABSOLUTE || ax->synchronization == SJ_SYNC_NONE)
+    if (ax->goal.kind != SJ_GOAL_ABSOLUTE || sj_sync_is_alone(ax->synchronization))
         return n;
     for (int32_t i = 0; i < kernel->axes; i++) {
         const sj_axis *other = &kernel->axis[i];

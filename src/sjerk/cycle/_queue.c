@@ -157,7 +157,7 @@ static int32_t find(const sj_kernel *kernel, const sj_waiting *waiting, sj_blend
         add_before(kernel, b, i);
     }
     for (int32_t i = 0; i < b->n && b->n > 1; i++)
-        if (kernel->axis[b->axes[i]].synchronization == SJ_SYNC_NONE ||
+        if (sj_sync_is_alone(kernel->axis[b->axes[i]].synchronization) ||
             kernel->axis[b->axes[i]].line != 0.0)
             return 0; /* arrive one by one, or leave their straight line */
     for (int32_t i = 0; i < kernel->axes; i++) {

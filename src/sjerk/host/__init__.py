@@ -1,5 +1,12 @@
 """Commands to a kernel and what comes back: the host, its motions, feedback, events."""
 
+import sys
+
+from sjerk.errors import PlatformError
+
+if sys.platform != "linux":
+    raise PlatformError("sjerk.host")
+
 from sjerk.host.arguments import BUFFERS, Axes, Buffer, Direction, Target
 from sjerk.host.events import Event, EventKind, StopKind
 from sjerk.host.feedback import (

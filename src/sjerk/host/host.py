@@ -36,7 +36,7 @@ from sjerk.host.move import Move
 from sjerk.host.path import Path, play
 from sjerk.host.path_records import Blocks
 from sjerk.host.reader import RECORDS, layout
-from sjerk.planner import Synchronization, check_target, code_of, cycles_of
+from sjerk.planner import Synchronization, check_target, code_of, cycles_of, moving_of
 from sjerk.profile import FloatArray, Limits, State
 
 
@@ -305,6 +305,7 @@ class Host(Observer):
         relative: bool = False,
         direction: Direction = "direct",
         buffer: Buffer = "aborting",
+        moving: bool = False,
     ) -> Move:
         """Move to a target: of the one axis, of all axes, or by axis number.
 
@@ -321,6 +322,10 @@ class Host(Observer):
         one's (next), or at the higher, as far as both distances and limits allow.
         Relative: from the goal before.
 
+        ``moving``: a target that moves on with its velocity, such as a new ``State`` every few
+        cycles; see ``plan``. Each axis may meet it up to a cycle later on its line: one axis, or
+        ``synchronization="none"``, and ``"aborting"``.
+
         Returns at once; the handle shows the rest. Raises InputError for what is no target, and
         QueueFullError; a refusal by the kernel is raised by ``Move.wait``.
         """
@@ -332,6 +337,9 @@ class Host(Observer):
             raise InputError("synchronization", "phase", "begins and ends at rest, without a blend")
         targets = targets_of(target, self.axis_count)
         code, least = code_of(synchronization), cycles_of(min_duration, self.cycle_time)
+        code = moving_of(moving, code, list(targets.values()), least)
+        if moving and buffer != "aborting":
+            raise InputError("buffer", buffer, "must be 'aborting' for targets that move on")
         own = lower_limits(limits, targets, self._link.limits)
         if direction != "direct":
             frame = self._link.frame()

@@ -1,5 +1,12 @@
 """A kernel: its axes and what it feeds forward to them, its process, its clock, its settings."""
 
+import sys
+
+from sjerk.errors import PlatformError
+
+if sys.platform != "linux":
+    raise PlatformError("sjerk.kernel")
+
 from sjerk.kernel.axis import Axis
 from sjerk.kernel.clock import Clock
 from sjerk.kernel.config import described, load, read_table

@@ -52,12 +52,14 @@ static int32_t in_phase(int32_t n, const sj_request *request, const sj_limits *l
 }
 
 static int32_t plan_each(int32_t n, const sj_request *request, const sj_limits *limits,
-                         int64_t least_cycles, int32_t exact, sj_plan *plans)
+                         int64_t least_cycles, int32_t exact, int32_t moving, sj_plan *plans)
 {
     for (int32_t i = 0; i < n; i++) {
         const sj_request *r = &request[i];
-        int32_t status = (exact ? sj_plan_exact_cruise : sj_plan_move)(
-            r->distance, r->v0, r->a0, r->v1, &limits[i], &plans[i]);
+        int32_t status =
+            (exact    ? sj_plan_exact_cruise
+             : moving ? sj_plan_meeting
+                      : sj_plan_move)(r->distance, r->v0, r->a0, r->v1, &limits[i], &plans[i]);
         if (status == SJ_PLAN_OK && plans[i].cycles < least_cycles) {
             status = sj_plan_duration(r->distance, r->v0, r->a0, r->v1, &limits[i], least_cycles,
                                       &plans[i]);
@@ -81,8 +83,12 @@ int32_t sj_plan_axes(int32_t n, const sj_request *request, const sj_limits *limi
             return status;
         *synchronization = SJ_SYNC_TIME;
     }
-    if (*synchronization == SJ_SYNC_NONE || n == 1)
-        return plan_each(n, request, limits, least_cycles, exact, plans);
+    if (sj_sync_is_alone(*synchronization) || n == 1) {
+        int32_t moving = *synchronization == SJ_SYNC_MOVING;
+        if (moving)
+            *synchronization = SJ_SYNC_NONE;
+        return plan_each(n, request, limits, least_cycles, exact, moving, plans);
+    }
     if (exact)
         return SJ_PLAN_NO_CRUISE;
     return sj_plan_together(n, request, limits, least_cycles, plans);

@@ -22,6 +22,9 @@
    four is used, each two neighbours with the same signs (_sides.c). Where none serves, all cycles
    keep the smaller jerk, which is legal everywhere.
 
+   A target that moves on may slip: within a cycle it is further on its line, h + slip at most. Then a
+   duration serves where any of that line lies between the extremes, and the nearest of it is met.
+
    Never here: anything but a given duration; the search for one is sj_convex_from alone. */
 #include "planner/_internal.h"
 
@@ -43,11 +46,11 @@ static double distance_room(const task *t, double n, double p)
 /* z = x + lambda (y - x) at every cycle, which lands on h: x falls short of it, y gets beyond.
        lambda = (h - px) / (py - px)
    The nodes of z are those of x and of y. */
-static void combine(const task *t, double n, const path *x, double px, const path *y, double py,
-                    path *z)
+static void combine(const task *t, double h, double n, const path *x, double px, const path *y,
+                    double py, path *z)
 {
     int ix = 0, iy = 0, gx = 0, gy = 0;
-    double lambda = py > px ? most(0, least(1, (t->h - px) / (py - px))) : 0;
+    double lambda = py > px ? most(0, least(1, (h - px) / (py - px))) : 0;
     z->count = 0;
     while (ix < x->count || iy < y->count) {
         double k = ix < x->count ? x->k[ix] : n;
@@ -66,7 +69,7 @@ static void combine(const task *t, double n, const path *x, double px, const pat
 /* What the roots of the extremes left of velocity and distance is taken up by two levels, where that
    is far below what the limits are kept to: the one with the widest neighbourhood on each side of
    the middle. */
-static void polish(const task *t, path *z)
+static void polish(const task *t, double h, path *z)
 {
     int at[2] = {0, 0}, middle = z->count / 2;
     double width[2] = {0, 0}, reach[2], slope[2];
@@ -86,7 +89,7 @@ static void polish(const task *t, path *z)
         reach[s] = end - (k[-1] + k[0] + k[1]) / 3;
         slope[s] = 1 / least(k[0] - k[-1], k[1] - k[0]);
     }
-    double dv = t->v1 - t->v0 - sj_path_change(z), dp = t->h - sj_path_distance(z, t->v0);
+    double dv = t->v1 - t->v0 - sj_path_change(z), dp = h - sj_path_distance(z, t->v0);
     double later = (dp - reach[0] * dv) / (reach[1] - reach[0]);
     double change[2] = {(dv - later) / width[0], later / width[1]};
     const double room = 4 * SLACK;
@@ -99,13 +102,14 @@ static void polish(const task *t, path *z)
         z->a[at[s]] += change[s];
 }
 
-static int convex_put(const task *t, path *z, sj_plan *p)
+static int convex_put(const task *t, double h, path *z, sj_plan *p)
 {
     if (p->count + z->count > SJ_PHASES)
         return 0;
-    polish(t, z);
+    polish(t, h, z);
     sj_path_put(p, z, t);
     p->kind = SJ_PLAN_CONVEX;
+    p->slipped = t->sign * (h - t->h);
     return 1;
 }
 
@@ -117,8 +121,23 @@ int sj_convex_of(const task *t, double n, const path *x, const path *y, sj_plan 
     path z;
     if (px > t->h + room || py < t->h - room)
         return 0;
-    combine(t, n, x, px, y, py, &z);
-    return convex_put(t, &z, p);
+    combine(t, t->h, n, x, px, y, py, &z);
+    return convex_put(t, t->h, &z, p);
+}
+
+/* Whether a path that gets at least so far passes a target, which may slip; and one that gets at most so far. */
+static int passes(const task *t, double low, double room)
+{
+    return low > t->h + most(0, t->slip) + room;
+}
+static int misses(const task *t, double far, double room)
+{
+    return far < t->h + least(0, t->slip) - room;
+}
+/* The target that is met between them: the one asked, or the nearest on the line on which it moves. */
+static double target_met(const task *t, double low, double far)
+{
+    return t->slip != 0 ? most(low, least(far, t->h)) : t->h;
 }
 
 /* Exactly n cycles: the convex combination of the two extremes (one jerk limit: the smaller). */
@@ -137,7 +156,7 @@ static int combine_extremes(const task *t, double j, double n, double *nearest, 
             for (int k = 0; k < x.count; k++)
                 x.a[k] = -x.a[k];
             px = sj_path_distance(&x, t->v0);
-            if (px > t->h + distance_room(t, n, px)) {
+            if (passes(t, px, distance_room(t, n, px))) {
                 *nearest = px;
                 return 0;
             }
@@ -145,14 +164,15 @@ static int combine_extremes(const task *t, double j, double n, double *nearest, 
             if (!sj_furthest(t, j, n, &m[0], &y))
                 return 0;
             py = sj_path_distance(&y, t->v0);
-            if (py < t->h - distance_room(t, n, py)) {
+            if (misses(t, py, distance_room(t, n, py))) {
                 *nearest = py;
                 return 0;
             }
         }
     }
-    combine(t, n, &x, px, &y, py, &z);
-    return convex_put(t, &z, p);
+    double h = target_met(t, px, py);
+    combine(t, h, n, &x, px, &y, py, &z);
+    return convex_put(t, h, &z, p);
 }
 
 /* Exactly n cycles under two jerks. The paths to combine lie in a chain, each two neighbours with the
@@ -160,7 +180,8 @@ static int combine_extremes(const task *t, double j, double n, double *nearest, 
 static int combine_sides(const task *t, double n, double *nearest, summit *m, sj_plan *p)
 {
     path up_far, up_near, down_far, down_near, z;
-    double far, near = 0, low, below = 0, room = distance_room(t, n, t->h);
+    double far = INFINITY, near = 0, low = -INFINITY, below = 0, h;
+    double room = distance_room(t, n, t->h);
     /* where the last duration fell short of being low enough, look at the low ones first */
     int low_first = *nearest > -INFINITY;
     for (int i = 0; i < 2; i++)
@@ -177,13 +198,14 @@ static int combine_sides(const task *t, double n, double *nearest, summit *m, sj
                 down_near.a[k] = -down_near.a[k];
             low = sj_path_distance(&down_far, t->v0);
             below = sj_path_distance(&down_near, t->v0);
-            if (low > t->h + room) {
+            if (passes(t, low, room)) {
                 *nearest = low;
                 return 0;
             }
-            if (below >= t->h) {
-                combine(t, n, &down_far, low, &down_near, below, &z);
-                return convex_put(t, &z, p);
+            h = target_met(t, low, far);
+            if (below >= h) {
+                combine(t, h, n, &down_far, low, &down_near, below, &z);
+                return convex_put(t, h, &z, p);
             }
         } else {
             int ok = sj_side_paths(t, n, &up_near, &up_far);
@@ -193,17 +215,19 @@ static int combine_sides(const task *t, double n, double *nearest, summit *m, sj
                 return combine_extremes(t, smaller_jerk(t), n, nearest, m, p);
             far = sj_path_distance(&up_far, t->v0);
             near = sj_path_distance(&up_near, t->v0);
-            if (far < t->h - room) {
+            if (misses(t, far, room)) {
                 *nearest = far;
                 return 0;
             }
-            if (near <= t->h) {
-                combine(t, n, &up_near, near, &up_far, far, &z);
-                return convex_put(t, &z, p);
+            h = target_met(t, low, far);
+            if (near <= h) {
+                combine(t, h, n, &up_near, near, &up_far, far, &z);
+                return convex_put(t, h, &z, p);
             }
         }
-    combine(t, n, &down_near, below, &up_near, near, &z);
-    return convex_put(t, &z, p);
+    h = target_met(t, low, far);
+    combine(t, h, n, &down_near, below, &up_near, near, &z);
+    return convex_put(t, h, &z, p);
 }
 
 int sj_convex(const task *t, double n, double *nearest, summit *m, sj_plan *p)

@@ -15,6 +15,7 @@ void sj_begin(sj_plan *p)
     p->cycles = 0;
     p->count = 0;
     p->kind = SJ_PLAN_WAIT;
+    p->slipped = 0;
 }
 
 void sj_put(sj_plan *p, double n, double jerk)

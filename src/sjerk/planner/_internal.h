@@ -25,12 +25,13 @@ typedef struct {
     double ad, jd; /* the same downward */
     double sign;   /* +1 or -1: how "up" lies in axis coordinates */
     double first;  /* acceleration at the start of the whole plan */
+    double slip;   /* the target may lie further by up to this: it moves on, 0 where it does not */
 } task;
 
 static inline task mirrored(const task *t)
 {
-    return (task){-t->h, -t->v0, -t->a0, -t->v1,   t->vmax,  t->ad,
-                  t->jd, t->au,  t->ju,  -t->sign, -t->first};
+    return (task){-t->h, -t->v0, -t->a0, -t->v1,   t->vmax,   t->ad,
+                  t->jd, t->au,  t->ju,  -t->sign, -t->first, -t->slip};
 }
 
 static inline double up(double x) /* whole cycles for x, rounding noise forgiven */

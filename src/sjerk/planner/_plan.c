@@ -48,12 +48,15 @@ static int plan_crossing(const task *start, int ramp, sj_plan *p)
     return ok;
 }
 
-int32_t sj_plan_move(double h, double v0, double a0, double v1, const sj_limits *l, sj_plan *p)
+/* slip: how far the target moves on in a cycle in which it may be met, or 0. */
+static int32_t plan_move(double h, double v0, double a0, double v1, const sj_limits *l, double slip,
+                         sj_plan *p)
 {
     sj_begin(p);
     if (!sj_valid(h, v0, a0, v1, l))
         return SJ_PLAN_INVALID;
     task t = sj_task_of(h, v0, a0, v1, l);
+    t.slip = t.sign * slip;
     int lands = sj_recover_acceleration(&t, p), above = is_above(&t);
     int ok = above && sj_move_from_above(&t, 0, p);
     int back = above || p->count > 0 ? SJ_PLAN_RECOVERY : 0;
@@ -65,6 +68,16 @@ int32_t sj_plan_move(double h, double v0, double a0, double v1, const sj_limits 
     p->kind += back;
     sj_note_scale(p, l);
     return ok ? SJ_PLAN_OK : SJ_PLAN_TOO_LONG;
+}
+
+int32_t sj_plan_move(double h, double v0, double a0, double v1, const sj_limits *l, sj_plan *p)
+{
+    return plan_move(h, v0, a0, v1, l, 0, p);
+}
+
+int32_t sj_plan_meeting(double h, double v0, double a0, double v1, const sj_limits *l, sj_plan *p)
+{
+    return plan_move(h, v0, a0, v1, l, v1, p);
 }
 
 int32_t sj_plan_velocity(double v0, double a0, double v1, const sj_limits *l, sj_plan *p)

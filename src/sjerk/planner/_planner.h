@@ -33,6 +33,10 @@ typedef struct {
 /* From the continuous state (0, v0, a0) to (h, v1, 0), as soon as possible. */
 int32_t sj_plan_move(double h, double v0, double a0, double v1, const sj_limits *limits,
                      sj_plan *plan);
+/* As sj_plan_move, to a target that moves on at v1 and may be met up to a cycle later on its line: at
+ * h + plan->slipped. */
+int32_t sj_plan_meeting(double h, double v0, double a0, double v1, const sj_limits *limits,
+                        sj_plan *plan);
 /* As sj_plan_move, to (h, v1, a1). */
 int32_t sj_plan_arrival(double h, double v0, double a0, double v1, double a1,
                         const sj_limits *limits, sj_plan *plan);
@@ -57,9 +61,10 @@ int32_t sj_plan_together(int32_t n, const sj_request *requests, const sj_limits 
 
 /* Requests between samples, for several axes and for many (_axes.c). */
 enum sj_synchronization {
-    SJ_SYNC_NONE = 0,  /* each axis as soon as it can */
-    SJ_SYNC_TIME = 1,  /* all axes arrive in the same cycle */
-    SJ_SYNC_PHASE = 2, /* the same phases: rest to rest on a straight line */
+    SJ_SYNC_NONE = 0,   /* each axis as soon as it can */
+    SJ_SYNC_TIME = 1,   /* all axes arrive in the same cycle */
+    SJ_SYNC_PHASE = 2,  /* the same phases: rest to rest on a straight line */
+    SJ_SYNC_MOVING = 3, /* each axis by itself, to a target that moves on: sj_plan_meeting */
     SJ_SYNC_EXACT =
         4 /* added: cruise at the velocity limit exactly; not of axes together in time */
 };
@@ -97,3 +102,9 @@ int32_t sj_plan_rows(int64_t n, double cycle_time_s, const double *from, int64_t
 
 int32_t sj_plan_axes(int32_t n, const sj_request *request, const sj_limits *limits,
                      int64_t least_cycles, int32_t *synchronization, sj_plan *plans);
+
+/* Whether the axes of a motion share nothing but its beginning. */
+static inline int32_t sj_sync_is_alone(int32_t synchronization)
+{
+    return synchronization == SJ_SYNC_NONE || synchronization == SJ_SYNC_MOVING;
+}

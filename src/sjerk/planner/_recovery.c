@@ -131,7 +131,7 @@ int32_t sj_plan_keeps(double v, double a, const sj_limits *l)
     task t = {0.0,     up * v,          up * a,
               0.0,     l->velocity,     l->acceleration,
               l->jerk, l->deceleration, l->deceleration_jerk,
-              1.0,     up * a};
+              1.0,     up * a,          0.0};
     return sj_keeps(&t);
 }
 

@@ -25,5 +25,5 @@ task sj_task_of(double h, double v0, double a0, double v1, const sj_limits *l)
     return (task){d * h,   d * v0,          d * a0,
                   d * v1,  l->velocity,     l->acceleration,
                   l->jerk, l->deceleration, l->deceleration_jerk,
-                  d,       d * a0};
+                  d,       d * a0,          0};
 }

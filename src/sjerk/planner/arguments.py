@@ -97,6 +97,30 @@ def exact_of(cruise: str, least: int) -> int:
     return int(lib.SJ_SYNC_EXACT) if cruise == "exact" else 0
 
 
+def moving_of(moving: bool, code: int, targets: Sequence[State], least: int) -> int:
+    """The ``enum sj_synchronization`` for targets that move on, or ``code``; raises ``InputError``.
+
+    >>> moving_of(False, code_of("time"), [State(1.0)], 0) == code_of("time")
+    True
+    """
+    if not isinstance(moving, bool):
+        raise InputError("moving", moving, "must be True or False")
+    if not moving:
+        return code
+    if len(targets) > 1 and code != lib.SJ_SYNC_NONE:
+        what = NAMES.get(code, "exact")
+        raise InputError("synchronization", what, "must be 'none' for targets that move on")
+    if code > lib.SJ_SYNC_PHASE:
+        raise InputError("cruise", "exact", "must be 'fast' for targets that move on")
+    if least:
+        raise InputError("min_duration", least, "must be 0 cycles for targets that move on")
+    for i, target in enumerate(targets):
+        if target.acceleration != 0.0:
+            name = f"target[{i}].acceleration"
+            raise InputError(name, target.acceleration, "must be 0 for a target that moves on")
+    return int(lib.SJ_SYNC_MOVING)
+
+
 def cycles_of(min_duration: float, cycle_time: float) -> int:
     """The least number of whole cycles that last ``min_duration`` seconds; raises ``InputError``.
 

@@ -6,6 +6,7 @@ Never here: clocks, shared memory, drives.
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -156,9 +157,16 @@ def plan_many(
     return Plans(T, rows, pool)
 
 
+def _processors() -> int:
+    """How many this process may use; all where the system does not say."""
+    if sys.platform == "linux":
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
 def _in_parallel(run: Callable[[int, int], tuple[int, int]], n: int) -> list[tuple[int, int]]:
     """Rows 0 .. n - 1 in as many parts as there are processors for us, if it is worth a thread."""
-    parts = min(len(os.sched_getaffinity(0)), n // _ROWS_PER_THREAD)
+    parts = min(_processors(), n // _ROWS_PER_THREAD)
     if parts < 2:
         return [run(0, n)]
     cuts = [n * i // parts for i in range(parts + 1)]

@@ -29,6 +29,7 @@ from sjerk.planner.arguments import (
     exact_of,
     fail,
     is_sequence,
+    moving_of,
     states_of,
 )
 from sjerk.profile import Limits, Profile, Samples, State
@@ -194,6 +195,7 @@ def plan(
     synchronization: Synchronization = ...,
     min_duration: float = ...,
     cruise: Cruise = ...,
+    moving: bool = ...,
 ) -> Profile: ...
 @overload
 def plan(
@@ -205,6 +207,7 @@ def plan(
     synchronization: Synchronization = ...,
     min_duration: float = ...,
     cruise: Cruise = ...,
+    moving: bool = ...,
 ) -> Motion: ...
 def plan(
     start: State | float | Sequence[State | float],
@@ -215,6 +218,7 @@ def plan(
     synchronization: Synchronization = "time",
     min_duration: float = 0.0,
     cruise: Cruise = "fast",
+    moving: bool = False,
 ) -> Profile | Motion:
     """Plan the fastest motion in whole cycles from any state to any target.
 
@@ -232,6 +236,11 @@ def plan(
     ``limits.velocity`` to rounding (in phase: the axis that limits the line), and what is left is
     taken up by the braking behind it. ``InputError`` where it is not reached for a cycle, and for
     axes that share the motion in time only.
+
+    ``moving``: the target moves on with its velocity, and each axis may meet it up to a cycle later
+    on its line. Whole cycles otherwise miss a moving target by a fraction of a cycle where there is
+    no time to spare, and then swing back for it. Then ``Profile.end`` is where it is met; the
+    axes are by themselves (one axis, or ``"none"``).
 
     The direction of the move, for ``deceleration`` limits, is that of the distance that the plan
     covers: from start to target, less the half cycle of both velocities (T/2 times their sum).
@@ -252,10 +261,11 @@ def plan(
         and cruise == "fast"
         and min_duration.__class__ is float
         and not min_duration
+        and moving is False
     ):
         return _one(start, target, limits, cycle_time)
     fast = min_duration.__class__ is float and not min_duration and cruise == "fast"
-    if fast and start.__class__ is list and target.__class__ is list:
+    if fast and moving is False and start.__class__ is list and target.__class__ is list:
         motion = _many_axes(start, target, limits, cycle_time, synchronization)
         if motion is not None:
             return motion
@@ -264,6 +274,7 @@ def plan(
     one = not is_sequence(start) and not is_sequence(target)
     starts = states_of("start", [start] if one else start)
     targets = states_of("target", [target] if one else target)
+    code = moving_of(moving, code, targets, least)
     if not isinstance(limits, Limits) and not is_sequence(limits):
         raise InputError("limits", limits, "must be a Limits or a list of one per axis")
     several = [limits] * len(starts) if isinstance(limits, Limits) else list(limits)
@@ -340,10 +351,18 @@ def _axes(
             if one:  # an axis that cannot be planned alone
                 fail(one, f"target[{i}]", target, limit)
         fail(status, "target", targets, limits)
+    if code == lib.SJ_SYNC_MOVING:
+        targets = [_met(target, plans[i].slipped) for i, target in enumerate(targets)]
+        states = b"".join([state.memory for state in (*starts, *targets)])
     ranges = [limit.position for limit in limits]
     if single:
         return Profile.of_c(plans + 0, T, starts[0], targets[0], ranges[0], plans)
     return Motion(plans, T, n, states, ranges, mode[0])
+
+
+def _met(target: State, slipped: float) -> State:
+    """Where a target that moves on is met."""
+    return State(target.position + slipped, target.velocity) if slipped else target
 
 
 @overload

@@ -40,8 +40,9 @@ class Updater:
     """Axes on the way to targets that may change in any cycle, planned anew only when they do.
 
     ``start``: a ``State`` or position per axis; ``limits``: one for all or one each; both as in
-    ``plan``, like ``synchronization``. ``cycle_time`` in seconds. A plan is left between two
-    samples without a jump of the acceleration, and within all limits that it left room to keep.
+    ``plan``, like ``synchronization`` and ``moving``. ``cycle_time`` in seconds. A plan is left
+    between two samples without a jump of the acceleration, and within all limits that it left room
+    to keep.
 
     Raises ``InputError``.
 
@@ -60,6 +61,7 @@ class Updater:
         cycle_time: float,
         *,
         synchronization: Synchronization = "time",
+        moving: bool = False,
     ) -> None:
         """At rest or in motion at ``start``; nothing is planned yet."""
         if not is_sequence(start):
@@ -68,6 +70,7 @@ class Updater:
         self._limits = limits_of_each(limits, len(self._states))
         self._T = positive("cycle_time", cycle_time)
         self._synchronization: Synchronization = synchronization
+        self._moving = moving
         self._targets: list[State] = []
         self._motion: Motion | None = None
         self._rows: list[Samples] = []
@@ -97,7 +100,14 @@ class Updater:
             now = self._states
             if self._motion is not None:
                 now = [profile.state(self._row) for profile in self._motion]
-            self._motion = plan(now, targets, own, self._T, synchronization=self._synchronization)
+            self._motion = plan(
+                now,
+                targets,
+                own,
+                self._T,
+                synchronization=self._synchronization,
+                moving=self._moving,
+            )
             self._targets, self._limits, self._rows, self._row = targets, own, [], 0
         self._row += 1
         row = min(self._row, self._motion.cycles + 1)
