@@ -197,6 +197,7 @@ def test_a_browser_that_lies_moves_nothing_and_harms_no_other(
             for axis, at in zip(monitor.feedback().axes, before, strict=True)
         )
         assert moved == 0.0
+        other.told("a browser sent what is no value: refused")
         shown = other.html
         until(lambda: other.html != shown, "the page of the other lives")
         assert "<script>" not in other.html

@@ -401,12 +401,12 @@ def test_what_is_frozen_is_saved_as_it_is_seen(seen: Seen, tmp_path: Path) -> No
     assert len(first) == 2 + 7
     assert saved(seen, "CSV", tmp_path) == first
     assert saved(seen, "Parquet", tmp_path) == first
-    seen.slide("Seconds", "ArrowRight", 40)
+    seen.fill("Seconds", -2)
     fewer = saved(seen, "CSV", tmp_path)
     assert fewer["cycle"] == first["cycle"][-len(fewer["cycle"]) :]
     assert len(fewer["cycle"]) < len(first["cycle"])
     seen.picture("signals")
-    seen.slide("Seconds", "ArrowLeft", 40)
+    seen.fill("Seconds", -8)
     seen.label("Go on")
     assert saved(seen, "CSV", tmp_path)["cycle"][-1] > first["cycle"][-1]
 

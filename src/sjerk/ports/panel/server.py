@@ -77,7 +77,7 @@ class PanelServer:
         # any browser may ask viser for a public tunnel
         self.server.request_share_url = self._no_tunnel
         self.server.disconnect_share_url = lambda *a, **k: None
-        self._noise = _Refused(self.journal)
+        self._noise = _Refused()
         logging.getLogger("asyncio").addFilter(self._noise)
         self.board = Board(self.server, self.desk)
         self._pages: dict[int, Page] = {}
@@ -209,6 +209,8 @@ class PanelServer:
 
     def _tell(self, feedback: Feedback) -> None:
         self.journal.events(self.watching.events())
+        if count := self._noise.taken():
+            self.journal.tell("a browser sent what is no value: refused", bad=True, count=count)
         try:
             self.board.tell(feedback, seen=len(self._pages))
         except KernelGoneError:
@@ -222,18 +224,28 @@ class PanelServer:
 
 
 class _Refused(logging.Filter):
-    """What viser could not read of a browser is a line of the events, not pages in the terminal."""
+    """What viser could not read of a browser is a line of the events, not pages in the terminal.
 
-    def __init__(self, journal: Journal) -> None:
+    It is told when a task is forgotten, in whatever thread that is and whatever lock that has: it
+    is only counted here.
+    """
+
+    def __init__(self) -> None:
         super().__init__()
-        self._journal = journal
+        self._count = 0
 
     def filter(self, record: logging.LogRecord) -> bool:
         """Whether it is of anything else."""
         if "_handle_incoming_message" not in record.getMessage():
             return True
-        self._journal.tell("a browser sent what is no value: refused", bad=True)
+        self._count += 1
         return False
+
+    def taken(self) -> int:
+        """How many since the last call."""
+        count = self._count
+        self._count -= count
+        return count
 
 
 def _quiet() -> contextlib.redirect_stdout[io.StringIO]:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from sjerk.errors import InputError, SjerkError
 from sjerk.extras import load
-from sjerk.ports.panel.desk import Desk, number
+from sjerk.ports.panel.desk import Desk, numbers
 from sjerk.ports.panel.scope import Scope, Snapshot
 
 _ALL = "all axes, % of limit"
@@ -55,8 +55,13 @@ class Signals:
             self._axis = gui.add_dropdown("Axis", (*desk.names, _ALL), initial_value=desk.names[0])
             self._bounds = gui.add_checkbox("Limits", True, hint="off: the scale fits the signal")
             self._act = gui.add_button_group("Picture", ("Freeze", "Go on"))
-            self._span = gui.add_multi_slider(
-                "Seconds", min=-8.0, max=0.0, step=0.05, initial_value=(-8.0, 0.0)
+            self._span = gui.add_vector2(
+                "Seconds",
+                (-8.0, 0.0),
+                min=(-8.0, -8.0),
+                max=(0.0, 0.0),
+                step=0.1,
+                hint="from, to: before now, or before it was frozen",
             )
             self._save = gui.add_button_group(
                 "Save it", ("CSV", "Parquet"), hint="every cycle of what is seen"
@@ -137,10 +142,7 @@ class Signals:
 
     def _seconds(self) -> tuple[float, float]:
         """From when to when, before now, or before the cycle at which it was frozen."""
-        said = self._span.value
-        if not isinstance(said, tuple | list) or len(said) != 2:
-            return -8.0, 0.0
-        begin, end = (number("seconds", s, -8.0, 0.0) for s in said)
+        begin, end = numbers("seconds", self._span.value, ("from", "to"), -8.0, 0.0)
         return min(begin, -_LEAST), max(end, min(begin, -_LEAST) + _LEAST)
 
     def _whole(self) -> Snapshot:
