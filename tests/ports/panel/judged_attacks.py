@@ -162,7 +162,7 @@ UPDATES = [
 ]
 ORDERS = (
     "Plan", "Execute", "Plan & Execute", "Set goal to flange pose", "Add or change", "Remove",
-    "Go to its start", "Play", "To its first point", "Play the demo", "Save the scene to the file",
+    "Go to its start", "Play", "To its first point", "Save the scene to the file",
 )  # fmt: skip
 
 
@@ -187,7 +187,8 @@ def test_a_browser_that_lies_moves_nothing_and_harms_no_other(
                 if liar.has(label):
                     liar.click(label)
             assert not liar.closed.is_set()
-        liar.order("STOP", "asked for")
+        other.set("STOP", True)
+        other.told("STOP, halt")  # of the events: refusals may be said after it
         frame = monitor.feedback()
         for axis, (low, high) in zip(frame.axes, RANGES.tolist(), strict=True):
             assert low <= axis.position <= high
@@ -204,6 +205,7 @@ def test_a_browser_that_lies_moves_nothing_and_harms_no_other(
     for one in (liar, other):
         one.close()
     later = Client(target.lead)
+    later.told("leads no longer: it has left")
     later.order("Take the lead", "this browser leads")
     later.close()
 
@@ -212,6 +214,7 @@ def test_a_stop_is_not_behind_orders_that_take_their_time(panels: dict[str, Pane
     """A hundred plans are asked for; the stop of another browser is answered before they are."""
     target = panels[ON]
     busy, other = Client(target.lead), Client(target.view)
+    busy.told("leads: <b>nobody</b>")
     busy.order("Take the lead", "this browser leads")
     busy.order("Drives", "drives follow", "Enable")
     busy.set("Pose", "left")

@@ -5,7 +5,6 @@ Judged by the kernel's own trace of every cycle. The arm that is seen is judged 
 
 from __future__ import annotations
 
-import math
 import re
 import signal
 import subprocess
@@ -13,13 +12,11 @@ import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from playwright.sync_api import Browser
 
-from helpers import panel_judge as judge
 from helpers.panel_bench import PANDA, ROBOT
 from helpers.panel_client import PATIENCE, Client, PanelProcess, panel, until
 from helpers.panel_page import PROGRAM, Seen, at_rest, chromium, mortal
@@ -221,52 +218,3 @@ def test_a_kernel_that_ends_is_told_and_one_that_comes_is_taken_without_a_lead(
     finally:
         kernel.terminate()
         kernel.wait(PATIENCE)
-
-
-SCENE = """() => {
-    const nodes = window.__viserMutable.nodeRefFromName, found = [];
-    let name = '/robot';
-    for (let i = 1; i <= 7; i++) {
-        name += '/' + i;
-        const q = nodes[name].quaternion;
-        found.push([q.w, q.x, q.y, q.z]);
-    }
-    return found;
-}"""
-
-
-def angle(number: int, wxyz: list[float]) -> float:
-    """Of a joint, by the rotation of its frame: Rx(alpha) Rz(theta)."""
-    alpha = -judge.PANDA[number][2]
-    w, x, y, z = wxyz
-    c, s = math.cos(alpha / 2), math.sin(alpha / 2)
-    w, x, y, z = c * w - s * x, c * x + s * w, c * y - s * z, c * z + s * y
-    assert abs(x) + abs(y) < 1e-5  # it turns about its own axis
-    return math.remainder(2.0 * math.atan2(z, w), 2.0 * math.pi)
-
-
-@needs_browser
-def test_the_arm_in_the_scene_stands_as_the_kernel_says_while_it_moves(
-    browser: Browser, running: PanelProcess
-) -> None:
-    """All angles of one look are those of one cycle, within 1e-4 rad, in order."""
-    seen = Seen(browser, running.lead)
-    seen.lead()
-    looks: list[Any] = []
-    with Monitor.attach(running.name) as monitor, Recorder(running.name, None) as recorder:
-        seen.pose("ready" if monitor.feedback().axes[0].position > 0.5 else "left")
-        seen.press("Plan", "s through")
-        seen.press("Execute", "in motion|on the goal")
-        while not at_rest(monitor) or len(looks) < 5:
-            looks.append(seen.page.evaluate(SCENE))
-            seen.page.wait_for_timeout(20)
-    actual = recorder.recording.actual_position
-    cycles = [0]
-    for look in looks:
-        shown = np.array([angle(i, row) for i, row in enumerate(look)])
-        same = np.flatnonzero(np.abs(actual - shown).max(axis=1) < 1e-4)
-        later = same[same >= cycles[-1]]
-        assert len(later), look
-        cycles.append(int(later[0]))
-    assert len(set(cycles)) > 5
-    seen.page.close()
