@@ -48,7 +48,8 @@ class Limits:
     #: For C calls: an ``sj_limits`` per second. Empty with a range, which each target is held to,
     #: and where a jerk is free, which is a number per cycle only.
     memory: bytes = field(init=False, repr=False, compare=False, default=b"")
-    _cycled: dict[float, bytes] = field(init=False, repr=False, compare=False, default_factory=dict)
+    #: For C calls: what ``per_cycle`` has made, by cycle time.
+    cycled: dict[float, bytes] = field(init=False, repr=False, compare=False, default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.position is not None:
@@ -138,7 +139,7 @@ class Limits:
         >>> len(Limits(90.0, 500.0, 5000.0).per_cycle(1e-3))
         40
         """
-        made = self._cycled.get(cycle_time) if cycle_time.__class__ is float else None
+        made = self.cycled.get(cycle_time) if cycle_time.__class__ is float else None
         if made is None:
             T = positive("cycle_time", cycle_time)
             deceleration, deceleration_jerk = self.braking
@@ -149,8 +150,8 @@ class Limits:
             ]
             made = struct.pack("5d", self.velocity * T, up, jerks[0], down, jerks[1])
             # with a range every target is looked at anyway
-            if self.position is None and len(self._cycled) < _CYCLE_TIMES_KEPT:
-                self._cycled[T] = made
+            if self.position is None and len(self.cycled) < _CYCLE_TIMES_KEPT:
+                self.cycled[T] = made
         return made
 
 

@@ -132,6 +132,9 @@ class Extrema:
         return low < -nothing and high > nothing
 
 
+_make = object.__new__
+
+
 class Plan:
     """Phases in whole control cycles, from one state of the samples to another. Immutable.
 
@@ -145,10 +148,13 @@ class Plan:
     100
     """
 
-    # Plans are made from C ones, and everything else of them only when it is asked for.
+    # Plans are made from C ones, and everything else of them only when it is asked for: a slot that
+    # is not set yet, or has nothing in it.
     __slots__ = ("_c_owner", "_c_plan", "_cycle_time", "_end", "_phases", "_range", "_start")
 
-    _phases: tuple[Phase, ...] | None
+    _c_owner: Any
+    _phases: tuple[Phase, ...]
+    _range: tuple[float, float] | None
 
     def __init__(
         self,
@@ -166,7 +172,6 @@ class Plan:
             if not isinstance(state, State):
                 raise InputError(name, state, "must be a State")
         self._start, self._end, self._range = start, end, position_range
-        self._c_owner = None
         self._c_plan = _c_plan(self._phases, self._cycle_time)
 
     @classmethod
@@ -176,18 +181,19 @@ class Plan:
         cycle_time: float,
         start: State,
         end: State,
-        position_range: tuple[float, float] | None,
+        position_range: tuple[float, float] | None = None,
         owner: Any = None,
     ) -> Self:
         """From a finished ``sj_plan *``, unchecked; ``owner`` keeps its memory."""
-        self = cls.__new__(cls)
+        self = _make(cls)
         self._c_plan = plan
-        self._c_owner = owner
         self._cycle_time = cycle_time
         self._start = start
         self._end = end
-        self._range = position_range
-        self._phases = None
+        if position_range is not None:
+            self._range = position_range
+        if owner is not None:
+            self._c_owner = owner
         return self
 
     @property
@@ -198,7 +204,7 @@ class Plan:
     @property
     def phases(self) -> tuple[Phase, ...]:
         """The phases of constant jerk, in order."""
-        if self._phases is None:
+        if not hasattr(self, "_phases"):
             plan, per_second = self._c_plan, self._cycle_time**3
             self._phases = tuple(
                 Phase(plan.phase[i].cycles, plan.phase[i].jerk / per_second)
@@ -224,7 +230,7 @@ class Plan:
     @property
     def position_range(self) -> tuple[float, float] | None:
         """The position range (low, high) of the limits it was planned under, or None."""
-        return self._range
+        return getattr(self, "_range", None)
 
     @property
     def cycles(self) -> int:

@@ -64,7 +64,7 @@ class Profile(Plan):
     @property
     def leaves_range(self) -> bool:
         """Whether the plan leaves ``position_range`` between its start and its end."""
-        return self._range is not None and self.extrema().leaves(*self._range)
+        return bool((limits := self.position_range) and self.extrema().leaves(*limits))
 
     @property
     def retracts(self) -> bool:

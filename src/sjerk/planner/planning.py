@@ -36,6 +36,7 @@ from sjerk.profile import Limits, Profile, Samples, State
 
 #: Allocation without clearing, and types looked up once: this is the fast path.
 _new = ffi.new_allocator(should_clear_after_alloc=False)
+_sample, _profile = lib.sj_plan_sample, Profile.of_c
 _MOST: int = lib.SJ_AXES
 _PHASE: int = lib.SJ_SYNC_PHASE
 _PLAN, _INT = ffi.typeof("sj_plan *"), ffi.typeof("int32_t *")
@@ -263,7 +264,14 @@ def plan(
         and not min_duration
         and moving is False
     ):
-        return _one(start, target, limits, cycle_time)
+        # the fast path: one axis without a range, states built beforehand, no options
+        per_cycle = limits.cycled.get(cycle_time) if cycle_time.__class__ is float else None
+        if per_cycle is None:
+            return _one(start, target, limits, cycle_time)
+        made = _new(_PLAN)
+        if _sample(cycle_time, start.memory, target.memory, per_cycle, made):
+            return _one(start, target, limits, cycle_time)  # which tells why
+        return _profile(made, cycle_time, start, target)
     fast = min_duration.__class__ is float and not min_duration and cruise == "fast"
     if fast and moving is False and start.__class__ is list and target.__class__ is list:
         motion = _many_axes(start, target, limits, cycle_time, synchronization)
@@ -282,11 +290,11 @@ def plan(
 
 
 def _one(start: State, target: State, limits: Limits, T: float) -> Profile:
-    """The fast path: one axis, states built beforehand, no options."""
+    """One axis, states built beforehand, no options."""
     if limits.position is not None:
         check_target("target", target, limits, accelerated=True)
     made = _new(_PLAN)
-    status = lib.sj_plan_sample(T, start.memory, target.memory, limits.per_cycle(T), made)
+    status = _sample(T, start.memory, target.memory, limits.per_cycle(T), made)
     if status:
         fail(status, "target", target, limits)
     return Profile.of_c(made, T, start, target, limits.position)
