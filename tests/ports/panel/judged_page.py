@@ -399,11 +399,19 @@ def test_the_demo_is_played_in_the_page(seen: Seen, monitor: Monitor) -> None:
         seen.tab("Demo")
         seen.press("Play the demo", "demo is in motion")
 
-    begin()
-    seen.until(lambda: monitor.feedback().axes[0].position > 0.3, "on its way")
-    seen.press("STOP", "halt")
-    seen.until(lambda: "the demo has ended" in seen.said, "the end")
-    rests(seen, monitor)
+    def ended() -> str:
+        seen.until(lambda: re.search("demo (is at its end|has ended)", seen.said), "the end")
+        rests(seen, monitor)
+        return seen.said
+
+    for _ in range(10):  # again where the page was too slow to stop it on the way
+        begin()
+        seen.until(lambda: monitor.feedback().axes[0].position > 0.3, "on its way")
+        seen.press("STOP")
+        if "has ended" in ended():
+            break
+        seen.tab("Plan")
+        arrives(seen, monitor, "ready")
     assert monitor.feedback().axes[0].position < end
     assert "bring it there first" in seen.press("Play the demo", ".")
     seen.tab("Plan")
@@ -413,10 +421,8 @@ def test_the_demo_is_played_in_the_page(seen: Seen, monitor: Monitor) -> None:
         if PICTURES:
             seen.until(lambda: monitor.feedback().axes[0].position > 1.5, "on its way")
             seen.picture("demo_motion")
-        seen.until(lambda: re.search("demo (is at its end|has ended)", seen.said), "the end")
-        if "at its end" in seen.said:
+        if "at its end" in ended():
             break
-        rests(seen, monitor)
         seen.tab("Plan")
     assert monitor.feedback().axes[0].position == end
     shares = re.search(r"velocity ([\d.]+) %", seen.text(".sjerk-demo"))
