@@ -23,6 +23,8 @@ from helpers.panel_bench import PANDA, RANGES, SETTINGS
 from helpers.panel_client import Client, PanelProcess, panel, until
 from helpers.panel_page import PICTURES, PROGRAM, Seen, at_rest, chromium
 from sjerk import Monitor, Recorder
+from sjerk.ports.panel.experiment import in_unit
+from sjerk.trajectory import read_recording, shipped_recording
 
 TABS = ("Signals", "Timing", "Events", "Plan", "Jog", "Scene", "Trajectories", "Demo")
 
@@ -393,7 +395,7 @@ def test_the_demo_is_played_in_the_page(seen: Seen, monitor: Monitor) -> None:
     """The paper's Figures 6 and 7: to the last bit, within its velocity; STOP ends it."""
     seen.lead()
     arrives(seen, monitor, "ready")
-    end = math.radians(160.0)
+    end = float(in_unit(read_recording(shipped_recording()), "rad").position[-1])
 
     def begin() -> None:
         seen.tab("Demo")
