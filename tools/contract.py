@@ -27,6 +27,7 @@ HEADERS = (
     "_kernel.h",
     "trajectory/_qp.h",
     "trajectory/_horizon.h",
+    "trajectory/_arrow.h",
     "trajectory/_following.h",
     "trajectory/_track.h",
     "trajectory/_pace.h",

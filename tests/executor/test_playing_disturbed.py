@@ -14,6 +14,8 @@ from hypothesis import strategies as st
 from helpers.following_check import Array, T
 from helpers.path_check import Bench, keeps
 from sjerk import GoalStream, Host, Limits, Path, StreamPlayer
+from sjerk.host.link import Link
+from sjerk.host.path_feeder import PathFeeder
 
 LIMITS = [Limits(2.0, 4.0, 200.0)] * 2
 
@@ -64,6 +66,9 @@ class Machine:
             mock.patch.object(Host, "feedback", self._then(Host.feedback)),
             mock.patch.object(GoalStream, "take", self._then(GoalStream.take)),
             mock.patch.object(Path, "splice", self._then(Path.splice)),
+            mock.patch.object(PathFeeder, "pump", self._then(PathFeeder.pump)),
+            mock.patch.object(Link, "take_back", self._then(Link.take_back)),
+            mock.patch.object(Link, "publish_records", self._then(Link.publish_records)),
         ):
             yield
 
@@ -103,8 +108,9 @@ def played(machine: Machine, goals: Array, **options: Any) -> StreamPlayer:
 
 
 def turns(way: Array) -> int:
-    step = np.sign(np.diff(way))
-    step = step[step != 0.0]
+    """Changes of direction; a step of less than 1e-9 of the velocity's limit is none."""
+    step = np.diff(way)
+    step = np.sign(step[np.abs(step) > 1e-9 * LIMITS[0].velocity * T])
     return int((step[1:] != step[:-1]).sum())
 
 
@@ -123,7 +129,7 @@ def test_a_stream_turns_no_more_often_than_its_goals_whatever_is_late(
     """Pieces that come too late, at any place: no turn, limits kept, all passed, the exact end.
 
     By the clock, which goes on in cycles that are left out, it ends when that is due, and the lag
-    that is told and a start from rest later.
+    that is told and a start from rest, of a host that is held up in each of its steps, later.
     """
     machine = Machine(seed, often=often, hold=hold, left_out=left_out)
     share = np.linspace(0.0, 1.0, 25)
@@ -137,4 +143,4 @@ def test_a_stream_turns_no_more_often_than_its_goals_whatever_is_late(
     keeps(rows, LIMITS)
     np.testing.assert_array_equal(rows[-1], goals[-1])
     due = machine.ended - machine.due
-    assert due * T <= player.report.lag + 1.0, (due, player.report.lag)
+    assert due * T <= player.report.lag + 1.0 + 12 * hold * T, (due, player.report.lag)

@@ -1,7 +1,8 @@
 """Judges of followed trajectories that share no code with what they judge.
 
 `recording_keeps` looks at the recorded positions only; `rationals` integrates the jerks with the
-paper's equations over fractions; `dense` is the spline by one full linear system.
+paper's equations over fractions; `dense` is the spline by one full linear system; `commanded_at`
+tells positions between the samples from the segments.
 """
 
 from __future__ import annotations
@@ -128,6 +129,36 @@ def excess(lengths: Sequence[int], jerk: Array, most: Sequence[float]) -> float:
         V, A = V + m * A + m * m / 2 * J, A + m * J
         worst = max(worst, abs(J) / most[2], abs(A) / most[1], max(abs(V), peak) / most[0])
     return worst
+
+
+def commanded_at(blocks: Sequence[Followed], moments: Array) -> Array:
+    """Commanded positions (k, N) at moments in cycles, between the samples too.
+
+    q(s) = P(s - 1/2) + 5/24 A(s - 1/2) of the continuous motion, from the segments' own data.
+    """
+    T_s = blocks[0].cycle_time
+    begins, states = [], []
+    for block in blocks:
+        cycle = block.first_cycle
+        for i in range(len(block)):
+            V, A = block.velocity[i] * T_s, block.acceleration[i] * T_s**2
+            P = block.position[i] + V / 2 - A / 3 + block.last_jerk[i] * (T_s**3 / 8)
+            for n, jerk in zip(block.lengths[i].tolist(), block.jerk[i] * T_s**3, strict=True):
+                if n:
+                    begins.append(cycle)
+                    states.append((P, V, A, jerk))
+                    P = P + n * (V + n * (A / 2 + n * jerk / 6))
+                    V, A = V + n * (A + n * jerk / 2), A + n * jerk
+                    cycle += n
+    rows = []
+    for moment in moments.tolist():
+        if moment < 0.5:
+            rows.append(blocks[0].position[0])
+            continue
+        k = max(0, int(np.searchsorted(begins, moment - 0.5, side="right")) - 1)
+        (P, V, A, jerk), x = states[k], moment - 0.5 - begins[k]
+        rows.append(P + x * (V + x * (A / 2 + x * jerk / 6)) + 5 / 24 * (A + x * jerk))
+    return np.array(rows)
 
 
 def toppra_plan(period: float, seed: int = 0, points: int = 5) -> Trajectory:

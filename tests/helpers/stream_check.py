@@ -109,6 +109,18 @@ def drawn(rng: random.Random) -> Draw:
     return Draw(limits, times, goals, arrivals, period, delay, within, count, share, T, velocities)
 
 
+def one_way(share: float, period: float, delay: int, *, within: bool, joints: int = 2) -> Draw:
+    """A synchronised motion from rest to rest that uses a share of the limits, in time."""
+    limits = [Limits(2.0 * k, 5.0 * k, 40.0 * k) for k in range(1, joints + 1)]
+    slower = [Limits(x.velocity * share, x.acceleration * share, x.jerk * share) for x in limits]
+    ends = [State(3.0 * k) for k in range(1, joints + 1)]
+    T = 1e-3
+    rows = plan([State(0.0)] * joints, ends, slower, T).sample().position.reshape(-1, joints)
+    chosen = [*range(0, len(rows) - 1, round(period / T)), len(rows) - 1]
+    times = np.array(chosen) * T
+    return Draw(limits, times, rows[chosen], times, period, delay, within, np.zeros(joints), share)
+
+
 @dataclass
 class Outcome:
     """What was handed out, and which goals were known in each knot."""

@@ -8,6 +8,7 @@ import time
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import replace
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -40,8 +41,9 @@ from sjerk import (
 )
 from sjerk.cycle.states import AxisState
 from sjerk.host import EventKind, PathState
+from sjerk.host.path_feeder import PathFeeder
 from sjerk.trajectory.joining import brake
-from sjerk.trajectory.segments import Followed, Knot, split
+from sjerk.trajectory.segments import Followed, Knot, rows, split
 
 PLAN = blocks_of()
 SAMPLES = recording(PLAN)[0]
@@ -561,6 +563,24 @@ def test_a_path_goes_on_where_the_refusal_is_seen_before_its_feeder() -> None:
         path.wait(60.0)
         assert refused
         assert host.feedback().axes[0].position == q[-1, 0]
+
+
+def test_a_splice_of_blocks_at_hand_is_in_the_ring_whole_at_once() -> None:
+    """Whenever its feeder gets to run: what the kernel takes over with ends at rest."""
+    q = _wave(60, 2, 0.1, 0.5)
+    limits = [Limits(2.0, 20.0, 500.0)] * 2
+    blocks = list(follow(Trajectory(["a", "b"], 0.1 * np.arange(60), q), limits, T))
+    bench = Bench(q[0].tolist(), limits)
+    path = bench.play(blocks)
+    bench.run(path, until=lambda: len(bench.rows) > 2450)
+    at = path.progress.point + 1
+    pieces = [rows(block, i, i + 1) for block in blocks for i in range(len(block))]
+    with mock.patch.object(PathFeeder, "pump", return_value=False):
+        new = path.splice(pieces[at - 1 :], at)
+        assert new.progress.fed == 60 - 1
+        bench.run(new)
+    assert new.done
+    recording_keeps(bench.positions, limits)
 
 
 def test_a_splice_whose_segments_do_not_come_leaves_the_path_within_the_limits() -> None:

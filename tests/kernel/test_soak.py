@@ -21,7 +21,8 @@ from sjerk import (
     Limits,
     MotionKernel,
     Recording,
-    follow_path,
+    Trajectory,
+    follow,
     simulate,
 )
 from sjerk._binding import ffi, lib
@@ -279,7 +280,8 @@ def test_an_axis_that_leaves_a_path_keeps_the_limits_the_path_began_under(
     """Not those of a motion before it, nor those that are lowered while the path rests or runs."""
     before = Limits(velocity, 300.0, 5000.0)
     during = Limits(*(np.array(lower) * [velocity, 300.0, 5000.0]))
-    plan = list(follow_path(np.array([[0.0], [5.0], [20.0], [60.0], [100.0]]), [before], T))
+    way = Trajectory(["a"], 0.01 * np.arange(5), [[0.0], [5.0], [20.0], [60.0], [100.0]])
+    plan = list(follow(way, [before], T))
     paths: list[Any] = []
 
     def script(cycle: int, host: Host) -> None:

@@ -111,7 +111,7 @@ class Client:
         if any(frame.axes[i].moving for i in chosen):
             return
         begin = np.array([frame.axes[i].position for i in chosen])
-        way = np.cumsum([[self.rng.uniform(-2.0, 2.0) for _ in chosen] for _ in range(8)], axis=0)
+        way = np.cumsum([[self.rng.uniform(-2.0, 2.0) for _ in chosen] for _ in range(3)], axis=0)
         rows = np.vstack([begin, begin + way])
         plan = follow_path(rows, [self.host.limits[i] for i in chosen], self.host.cycle_time)
         path = self.host.follow(plan, axes=chosen)

@@ -275,10 +275,11 @@ def test_what_is_refused() -> None:
 
 
 def test_segments_are_told_one_by_one() -> None:
-    """A block is a row of segments with index, cycles, stretch, lengths and jerks."""
+    """A block is a row of segments: number, way-point ahead, cycles, stretch, lengths, jerks."""
     (block,) = follow(wave(10, 0.2), PANDA, T)
     segments = list(block)
-    assert [segment.point for segment in segments] == list(range(1, 10))
+    assert [segment.number for segment in segments] == list(range(1, 10))
+    assert [segment.ahead for segment in segments] == list(range(1, 10))
     for segment in segments:
         assert segment.cycles == segment.lengths.sum()
         assert segment.jerk.shape == (4, 7)

@@ -180,6 +180,7 @@ class StreamPlayer:
                     for stream in self._streams():
                         stream.skipped(behind)
                     self._told += behind
+                    now -= behind
                 self._sent = self._in_play(self._sent)
             if self._sent is None:
                 self._from_rest(now)
@@ -225,22 +226,25 @@ class StreamPlayer:
         return self._begin
 
     def _from_rest(self, now: int) -> None:
-        if now <= self._stream.cycle:
+        stream = self._stream
+        stream.rest(now)
+        if now <= stream.cycle:
             return
-        made = self._stream.take(now)
+        late = now - stream.cycle  # that a motion, which is to begin, has not begun
+        stream.skipped(late)
+        self._told += late
+        made = stream.take(stream.cycle + 2 * self._ahead)
         first = next((i for i, block in enumerate(made) if block.jerk.any()), None)
         if first is None:
             return
-        blocks = made[first:]
-        enough = blocks[0].first_cycle + 2 * self._ahead
-        if self._stream.cycle < enough and not self._stream.done:
-            blocks += self._stream.take(enough)
-        self._begin = blocks[0].first_cycle
-        pieces, ends, firm = _with_rest(self._stream, blocks, [])
+        self._begin = made[first].first_cycle
+        pieces, ends, firm = _with_rest(stream, made[first:], [])
         self._sent = _Sent(self._host.follow(pieces, axes=self._axes), ends, firm)
 
     def _go_on(self, sent: _Sent) -> None:
         """Replace the plan to rest by the next piece and another such plan."""
+        if sent.path.progress.known < len(sent.ends):
+            return  # the kernel must know how to stop, should it refuse what comes next
         until = self._played(sent) + self._ahead
         sent.firm += self._stream.keep(until - self._ahead // 2)
         if sent.firm == len(sent.ends):  # it comes to rest

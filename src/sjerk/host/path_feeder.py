@@ -52,6 +52,7 @@ class PathFeeder:
         self._frame = ffi.new("sj_feedback *")
         self._number = ffi.new("uint64_t *")
         self._thread: threading.Thread | None = None
+        self._capacity = link.segment.layout.record_capacity
         self.records = PathRecords(
             blocks,
             goal.axes,
@@ -73,11 +74,17 @@ class PathFeeder:
 
     def _next(self) -> NDArray[Any]:
         """What is to be sent next; nothing where it is not there yet."""
-        rows = next(self.records)
-        if self._before is not None and not self._goal.first_record and len(rows):
-            # nothing may be missing once the kernel has taken over
-            rows = self.records.joined([rows, next(self.records)])
-        return rows
+        parts = [next(self.records)]
+        if self._before is not None and not self._goal.first_record and len(parts[0]):
+            # nothing may be missing once the kernel has taken over: all that is there goes at once
+            parts.append(next(self.records))
+            count = 1 + len(parts[-1])
+            while self.records.at_hand and count < self._capacity and len(parts[-1]):
+                if parts[-1]["last"][-1]:
+                    break
+                parts.append(next(self.records))
+                count += len(parts[-1])
+        return self.records.joined(parts) if len(parts) > 1 else parts[0]
 
     # ---- sending
 
@@ -130,6 +137,9 @@ class PathFeeder:
         goal, link = self._goal, self._link
         with self.lock:
             count = min(link.room, len(self._waiting))
+            begins = self._before is not None and not goal.first_record
+            if begins and count < min(self._capacity, len(self._waiting)):
+                return False  # or the kernel takes over with less
             if count <= 0 or self._yields or (not goal.first_record and goal.ended):
                 return False
             part = np.ascontiguousarray(self._waiting[:count])

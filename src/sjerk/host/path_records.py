@@ -29,7 +29,8 @@ class PathRecords(Iterator[NDArray[Any]]):
     """Batches of ``sj_record`` for one goal; an empty batch where the source has nothing yet.
 
     ``start``: where a path of its own begins, by axis, else empty. ``peaks``: largest velocity,
-    acceleration and jerk (3, axes) of what has been made.
+    acceleration and jerk (3, axes) of what has been made. ``at_hand``: whether the blocks were made
+    before, all of them.
     """
 
     def __init__(
@@ -51,6 +52,7 @@ class PathRecords(Iterator[NDArray[Any]]):
         self.start: list[float] = []
         self.peaks = np.zeros((3, len(axes)))
         source = (blocks,) if isinstance(blocks, Followed) else _blocks(blocks)
+        self.at_hand = isinstance(source, list | tuple)
         self._batches = self._made(iter(source), at, after)
 
     def __next__(self) -> NDArray[Any]:

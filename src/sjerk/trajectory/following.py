@@ -8,18 +8,17 @@ the method. Never here: shared memory, drives.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from sjerk._binding import ffi, lib
 from sjerk.errors import InputError, PlanError, positive
 from sjerk.limits import jerk_limited
 from sjerk.profile import CYCLES_MAX, FloatArray, Limits
 from sjerk.trajectory.faults import FaultKind, TrajectoryError, TrajectoryFault
-from sjerk.trajectory.segments import Followed, IntArray, Knot, doubles
+from sjerk.trajectory.segments import Followed, IntArray, Knot, Passed, doubles
 from sjerk.trajectory.trajectory import Trajectory
 
 #: Way-points known beyond what is handed out, and way-points handed out at a time.
@@ -71,10 +70,6 @@ def follow(
     return windows(pieces, limits, T, use_velocities, lookahead, block, begin=begin)
 
 
-#: Cycles per segment (n,) of way-points (n, N) under limits per cycle (N, 3).
-Guess = Callable[[FloatArray, FloatArray], IntArray]
-
-
 class Window:
     """Way-points not handed out yet, the state at the first of them, and its index and cycle.
 
@@ -89,7 +84,6 @@ class Window:
         self.state = tuple(np.zeros(joints) for _ in range(3))
         self.before: IntArray = np.empty(0, dtype=np.int64)  # cycles of the plan before
         self.first = self.first_cycle = 0
-        self.guess: Guess | None = None  # without times: of the fastest cycles, to begin with
 
     def __len__(self) -> int:
         return len(self.cycle)
@@ -110,17 +104,15 @@ def windows(
     lookahead: int,
     block: int,
     *,
-    guess: Guess | None = None,
     begin: Knot | None = None,
 ) -> Iterator[Followed]:
-    """Blocks of segments; ``guess``: the times are least ones, begin with those of it."""
+    """Blocks of segments."""
     names: tuple[str, ...] | None = None
     window, table, start, latest, total = Window(0, False), np.empty((0, 3)), 0.0, 0.0, 0
     for piece in pieces:
         if names is None:
             names, start = piece.joint_names, float(piece.time[0])
             window = Window(len(names), use_velocities and piece.velocity is not None)
-            window.guess = guess
             if begin is not None:
                 window.state = (
                     begin.velocity * T,
@@ -199,8 +191,7 @@ def _task(window: Window, table: FloatArray, T: float, cycles: IntArray) -> tupl
     position = np.ascontiguousarray(window.position[:n])
     keep = [least, rows, spare, given, position, cycles, table]
     task.points, task.joints = n, joints
-    # with given times it is the short one that is wrong; the pieces of a cut corner are short
-    task.shorter = 4 if window.guess is None else 20
+    task.shorter = 4
     task.position = doubles(position)
     task.velocity = ffi.NULL if given is None else doubles(given)
     task.least = ffi.from_buffer("int64_t[]", least)
@@ -224,8 +215,6 @@ def _hand_out(
         if points < 2:
             break
         cycles = asked.copy()
-        if window.guess is not None:
-            cycles = np.maximum(cycles, window.guess(window.position, table))
         cycles[1 : taken_over + 1] = window.before[:taken_over]
         cycles = cycles[:points].copy()
         task, keep = _task(window, table, T, cycles)
@@ -261,6 +250,10 @@ def _read(
         task, count, ffi.from_buffer("int64_t[]", lengths), doubles(jerk), *map(doubles, states)
     )
     taken: IntArray = lengths.sum(axis=1)
+    first = 0 if window.first == 0 else 1  # the start is a way-point too
+    point: IntArray = window.first + np.arange(first, count + 1, dtype=np.int64)
+    ends = window.first_cycle + np.concatenate([[0], np.cumsum(taken)])
+    passed = Passed(point, ends[first:] * float(T), np.zeros((len(point), joints)))
     made = Followed(
         names,
         T,
@@ -274,35 +267,7 @@ def _read(
         states[0] / T,
         states[1] / T**2,
         states[2] / T**3,
+        window.first + 1 + np.arange(count, dtype=np.int64),
+        passed,
     )
     return made, states
-
-
-class Trial:
-    """All of a window planned at once, for whoever chooses the cycles: nothing is handed out."""
-
-    def __init__(
-        self, window: Window, names: tuple[str, ...], table: FloatArray, cycle_time: float
-    ) -> None:
-        """``table`` (N, 3): limits per cycle. The window must not change any more."""
-        self._window, self._names, self._T = window, names, cycle_time
-        self._cycles = np.diff(window.cycle, prepend=window.cycle[0])
-        self._share = np.empty(len(window))
-        self._task, self._keep = _task(window, table, cycle_time, self._cycles)
-
-    def shares(self, cycles: ArrayLike) -> FloatArray:
-        """Largest use of any limit per segment (n,), if the segments take so many ``cycles``."""
-        self._cycles[1:] = cycles
-        lib.sj_follow_shares(self._task, doubles(self._share))
-        return self._share[1:]
-
-    def stretched(self, begin: ArrayLike) -> Followed | None:
-        """Limits kept, from these cycles on, as ``follow`` does it; None: that leads nowhere."""
-        self._cycles[1:] = begin
-        if lib.sj_follow_plan(self._task) != lib.SJ_FOLLOW_OK:
-            return None
-        return self.read()
-
-    def read(self) -> Followed:
-        """The segments of what was solved last; ``stretch`` counts from the window's cycles."""
-        return _read(self._window, self._names, self._T, self._task, len(self._cycles) - 1)[0]

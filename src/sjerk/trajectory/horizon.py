@@ -159,6 +159,11 @@ class Horizon:
         self.knot = knot
         self.lead = [self._followed(*piece) for piece in lead]
 
+    def finish(self, pieces: Sequence[Followed]) -> None:
+        """These come next, of one segment each; the last one ends at rest."""
+        self.rest(pieces[-1].position[-1])
+        self.lead = list(pieces)
+
     def _stop(self) -> FloatArray:
         """Control points (N, knots) from a motion without acceleration to rest."""
         step = self.given[:, 2] - self.given[:, 1]
@@ -173,7 +178,7 @@ class Horizon:
     @property
     def resting(self) -> bool:
         """Whether nothing moves and nothing is planned to."""
-        return bool(
+        return not self.lead and bool(
             (self.given == self.given[:, 2:]).all() and (self.plan == self.given[:, 2:]).all()
         )
 

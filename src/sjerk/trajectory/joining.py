@@ -8,15 +8,25 @@ drives.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from sjerk.errors import InputError
 from sjerk.limits import limits_of_each
-from sjerk.planner import Synchronization, plan, plan_velocity
+from sjerk.planner import Motion, Synchronization, plan, plan_velocity
 from sjerk.profile import FloatArray, Limits, Profile, State
-from sjerk.trajectory.segments import PHASES, Followed, IntArray, Knot, begin_of, sample_of, through
+from sjerk.trajectory.segments import (
+    PHASES,
+    Followed,
+    IntArray,
+    Knot,
+    Passed,
+    begin_of,
+    sample_of,
+    through,
+)
 
 #: Rounds until the sample stands on a way-point that is passed in motion; each gains 3 digits.
 _ROUNDS = 6
@@ -148,5 +158,37 @@ def _followed(
         np.zeros_like(taken),
         lengths,
         jerks,
-        *(np.ascontiguousarray(table[:, i]) for i in range(4)),
+        np.ascontiguousarray(table[:, 0]),
+        np.ascontiguousarray(table[:, 1]),
+        np.ascontiguousarray(table[:, 2]),
+        np.ascontiguousarray(table[:, 3]),
+        ahead=np.zeros(segments, dtype=np.int64),
+        passed=Passed.none(joints),
     )
+
+
+def stops_of(
+    names: Sequence[str], motions: Sequence[Motion], path: FloatArray, kept: IntArray
+) -> Followed:
+    """Motions from stop to stop as one; ``kept`` (m + 1,): their way-points among ``path``."""
+    knot, parts, T = Knot.rest(path[kept[0]]), [], motions[0].cycle_time
+    for motion, point in zip(motions, kept[1:], strict=True):
+        parts.append(_followed(knot, motion.profiles, T, names, rest=path[point]))
+        knot = Knot.of(parts[-1])
+    ends = np.cumsum([int(part.cycles.sum()) for part in parts])
+    whole: dict[str, Any] = {
+        name: np.concatenate([getattr(part, name) for part in parts])
+        for name in ("cycles", "stretch", "lengths", "jerk")
+    }
+    states = {
+        name: np.concatenate(
+            [getattr(parts[0], name)[:1], *(getattr(part, name)[1:] for part in parts)]
+        )
+        for name in ("position", "velocity", "acceleration", "last_jerk")
+    }
+    moment = np.concatenate([[0.0], ends * T])
+    return Followed(
+        tuple(names), T, 0, 0, **whole, **states,
+        ahead=np.repeat(kept[1:], [len(part) for part in parts]),
+        passed=Passed(kept, moment, np.zeros((len(kept), path.shape[1]))),
+    )  # fmt: skip

@@ -119,12 +119,12 @@ class Known:
         time = np.maximum(due[after] - due[before], 1e-9)[:, None]
         return np.asarray((self.position[after] - self.position[before]) / time)
 
-    def onward(self, cycles: int, limits: FloatArray) -> FloatArray:
+    def onward(self, cycles: int, limits: FloatArray, noise: FloatArray) -> FloatArray:
         """How far the source goes at least beyond the last goal if it keeps the limits (N,).
 
         ``limits`` (N, 3) per cycle: velocity, acceleration, jerk. From goals ``cycles`` or more
-        apart: the least velocity and acceleration that these allow at the last one, noise
-        deducted, and the shortest stop from there.
+        apart: the least velocity and acceleration that these allow at the last one, where each is
+        off by as much as ``noise`` (N,), and the shortest stop from there.
         """
         last = len(self) - 1
         cycle, more = self.cycle, np.zeros(len(limits))
@@ -136,7 +136,7 @@ class Known:
         v0 = (self.position[two] - self.position[one]) / b
         v1 = (self.position[last] - self.position[two]) / c
         V, A, J = limits.T
-        sign, noise = np.sign(v1), self.noise(b + c, limits)
+        sign = np.sign(v1)
         mean = sign * (v1 - v0) / ((b + c) / 2.0) - 4.0 * noise / (b * c)
         a = np.clip(mean - J * (b + c) / 2.0, -A, A)
         v = sign * v1 - 2.0 * noise / c + (mean + a) / 2.0 * c / 2.0 - J * c * c / 6.0

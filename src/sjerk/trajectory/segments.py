@@ -7,7 +7,7 @@ memory, drives.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,13 +24,14 @@ PHASES = 4
 
 
 class Segment(NamedTuple):
-    """The way from way-point ``point - 1`` to ``point``.
+    """A segment of a motion, on the way to way-point ``ahead``.
 
-    ``cycles`` it takes, of which ``stretch`` more than its times asked; ``lengths`` (4,) of its
-    phases in cycles (some 0) and ``jerk`` (4, N) in them.
+    ``number`` from 1; ``cycles`` it takes, of which ``stretch`` more than its times asked;
+    ``lengths`` (4,) of its phases in cycles (some 0) and ``jerk`` (4, N) in them.
     """
 
-    point: int
+    number: int
+    ahead: int
     cycles: int
     stretch: int
     lengths: IntArray
@@ -38,14 +39,40 @@ class Segment(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Followed:
-    """Consecutive segments of a followed trajectory, m of them, for N joints.
+class Passed:
+    """Way-points as they are passed, k of them.
 
-    ``first``: index of the way-point where they begin; ``first_cycle``: its cycle from the start of
-    the motion. ``cycles``, ``stretch`` (m,): length of each segment, and how many cycles of it the
-    times did not ask for. ``lengths`` (m, 4): phases in cycles; ``jerk`` (m, 4, N) per second^3.
-    ``position`` (m + 1, N): the way-points; ``velocity``, ``acceleration`` (m + 1, N): of the
-    continuous motion in their cycles; ``last_jerk`` (m + 1, N): of the cycle before.
+    ``point`` (k,): their numbers; ``moment`` (k,): seconds from the start of the motion, between
+    cycles too; ``deviation`` (k, N): of the commanded motion there, axis units.
+    """
+
+    point: IntArray
+    moment: FloatArray
+    deviation: FloatArray
+
+    @classmethod
+    def none(cls, joints: int) -> Passed:
+        """No way-point."""
+        return cls(np.empty(0, dtype=np.int64), np.empty(0), np.empty((0, joints)))
+
+    @property
+    def largest(self) -> float:
+        """Largest deviation of any joint, axis units."""
+        return float(np.abs(self.deviation).max(initial=0.0))
+
+
+@dataclass(frozen=True, eq=False)
+class Followed:
+    """Consecutive segments of a followed motion, m of them, for N joints.
+
+    ``first``: how many segments of the motion come before; ``first_cycle``: the cycle they begin
+    in,
+    from the start of the motion. ``cycles``, ``stretch`` (m,): length of each segment, and how many
+    cycles of it the times did not ask for. ``lengths`` (m, 4): phases in cycles; ``jerk`` (m, 4, N)
+    per second^3. ``position`` (m + 1, N): the samples at the segments' ends; ``velocity``,
+    ``acceleration`` (m + 1, N): of the continuous motion there; ``last_jerk`` (m + 1, N): of the
+    cycle before. ``ahead`` (m,): the way-point that is ahead where the segment begins; ``passed``:
+    the way-points in these segments.
     """
 
     joint_names: tuple[str, ...]
@@ -60,6 +87,8 @@ class Followed:
     velocity: FloatArray
     acceleration: FloatArray
     last_jerk: FloatArray
+    ahead: IntArray = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    passed: Passed = field(default_factory=lambda: Passed.none(0))
 
     def __len__(self) -> int:
         return len(self.cycles)
@@ -68,6 +97,7 @@ class Followed:
         for i in range(len(self)):
             yield Segment(
                 self.first + i + 1,
+                int(self.ahead[i]) if len(self.ahead) else 0,
                 int(self.cycles[i]),
                 int(self.stretch[i]),
                 self.lengths[i],
@@ -169,7 +199,11 @@ def dwell(position: ArrayLike, cycles: int, cycle_time: float) -> Followed:
         np.array([[cycles, 0, 0, 0]]),
         np.zeros((1, PHASES, len(at))),
         np.repeat(at[None], 2, axis=0),
-        *(np.zeros((2, len(at))) for _ in range(3)),
+        np.zeros((2, len(at))),
+        np.zeros((2, len(at))),
+        np.zeros((2, len(at))),
+        ahead=np.zeros(1, dtype=np.int64),
+        passed=Passed.none(len(at)),
     )
 
 
@@ -202,21 +236,50 @@ def split(motion: Followed, cycles: int) -> tuple[Followed, Followed]:
     head.lengths[-1], tail.lengths[0] = before, after
     head.cycles[-1], tail.cycles[0] = before.sum(), after.sum()
     head.stretch[-1] = 0
-    return head, replace(tail, first_cycle=motion.first_cycle + cycles)
+    cut = motion.first_cycle + cycles
+    end = motion.first_cycle + total
+    return (
+        replace(head, passed=_between(motion, motion.first_cycle, cut)),
+        replace(tail, first_cycle=cut, passed=_between(motion, cut, end)),
+    )
 
 
 def rows(motion: Followed, first: int, last: int) -> Followed:
     """Segments ``first .. last - 1`` of a motion, copied."""
+    begin = motion.first_cycle + int(motion.cycles[:first].sum())
     return replace(
         motion,
         first=motion.first + first,
-        first_cycle=motion.first_cycle + int(motion.cycles[:first].sum()),
+        first_cycle=begin,
+        passed=_between(motion, begin, begin + int(motion.cycles[first:last].sum())),
         **{n: getattr(motion, n)[first:last].copy() for n in _SEGMENTS},
         **{n: getattr(motion, n)[first : last + 1].copy() for n in _STATES},
     )
 
 
-_SEGMENTS = ("cycles", "stretch", "lengths", "jerk")
+def in_blocks(blocks: Iterator[Followed], most: int | None) -> Iterator[Followed]:
+    """The same motion with so many segments in a block at most; raises InputError."""
+    if most is None:
+        return blocks
+    if isinstance(most, bool) or not isinstance(most, int) or most < 1:
+        raise InputError("block", most, "must be an int, at least 1")
+    return (
+        rows(block, i, min(i + most, len(block)))
+        for block in blocks
+        for i in range(0, len(block), most)
+    )
+
+
+def _between(motion: Followed, begin: int, end: int) -> Passed:
+    """Way-points after cycle ``begin`` up to ``end``; with those at the start of a motion."""
+    cycle = motion.passed.moment / motion.cycle_time
+    low = -1.0 if begin == 0 else begin
+    some = (cycle > low) & (cycle <= end)
+    passed = motion.passed
+    return Passed(passed.point[some], passed.moment[some], passed.deviation[some])
+
+
+_SEGMENTS = ("cycles", "stretch", "lengths", "jerk", "ahead")
 _STATES = ("position", "velocity", "acceleration", "last_jerk")
 
 

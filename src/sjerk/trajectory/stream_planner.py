@@ -17,6 +17,7 @@ from sjerk.profile import FloatArray, Limits
 from sjerk.trajectory.horizon import Aims, Horizon, Mode, Plan
 from sjerk.trajectory.joining import both
 from sjerk.trajectory.known import Known, Turns
+from sjerk.trajectory.stream_arrival import Arrival, arrive
 
 #: How far ahead goals are looked at, in stops.
 _AHEAD = 3.0
@@ -28,6 +29,10 @@ _CLOSE = 1e-2
 _NEAR = 2.0
 #: A goal counts as denser than knots down to this share of one.
 _DENSE = 1e-3
+#: Cycles by which the last goal is passed late, so that being sooner counts.
+_LAG = 1.0
+#: Noise is seen in a few goals only: what one may be off by at most, and how it fades per knot.
+_DOUBT, _FADES = 3.0, 0.9
 #: Of the way a source needs to stop, by differences of its goals.
 _SURE = 0.98
 #: Differences of control points below this share of a knot's way at full velocity are none.
@@ -55,6 +60,7 @@ class StreamPlanner:
     ) -> None:
         self.horizon, self.known = horizon, known
         self.ended, self.kept = False, 0
+        self.arrival: Arrival | None = None  # how it goes to rest, once that is sure
         step = horizon.given[:, 2] - horizon.given[:, 1]
         self.turns = Turns(
             horizon.knot.position,
@@ -67,6 +73,7 @@ class StreamPlanner:
         self.tail = math.ceil(stop / per_knot) + 3
         self._most, self._per_knot = math.ceil(_AHEAD * stop / per_knot), per_knot
         self._within, self._exact = within, exact
+        self._own, self._T = own, cycle_time
         self._tolerance = np.full(len(own), np.inf) if tolerance is None else tolerance
         self._per_cycle = np.array(
             [
@@ -78,6 +85,7 @@ class StreamPlanner:
             [(-np.inf, np.inf) if x.position is None else x.position for x in limits]
         )
         self._noise = np.zeros(len(own))
+        self._doubt = np.zeros(len(own))  # of goals in the time of about a stop
         self._onward = (
             -math.inf,
             np.zeros(len(own)),
@@ -105,12 +113,15 @@ class StreamPlanner:
         if last and not (self.ended or self._within):
             return None, 0  # nothing is new: it rests where it was to
         self._noise = known.noise(3 * m, self._per_cycle)
+        self._doubt = np.maximum(_DOUBT * self._noise, _FADES * self._doubt)
         best = self._best(due)
         if horizon.resting and -horizon.progress[0] > self.tail and self._still(best):
             # it turned before a goal, and does not go back to it
             progress = best.progress - best.progress[0] + due[min(known.first, len(due) - 1)]
             return replace(best, progress=progress), 0
         found = self._arrive(due, best)
+        if self._finish(cycle, best, found):
+            return None, 0
         if found is not None:
             return found, found.control.shape[1] + 2
         if last and horizon.resting:
@@ -216,6 +227,8 @@ class StreamPlanner:
             more = self._further()
             low, high = np.minimum(low, last + more), np.maximum(high, last + more)
         low, high = np.maximum(low, self._ranges[:, 0]), np.minimum(high, self._ranges[:, 1])
+        if whole:
+            end = np.clip(last + more, low, high)
         given = horizon.given + horizon.origin[:, None]
         direction, turning = known.directions(
             moment,
@@ -253,12 +266,55 @@ class StreamPlanner:
         """How far beyond the last goal a plan may rest (N,): looked at when that was new."""
         if self._onward[0] != self.known.time:
             more, least = (
-                self.known.onward(self.horizon.cycles, self._per_cycle),
+                self.known.onward(self.horizon.cycles, self._per_cycle, self._doubt),
                 self.horizon.velocity,
             )
             more = np.sign(more) * np.maximum(_SURE * np.abs(more) - _CLOSE * least, 0.0)
             self._onward = (self.known.time, more)
         return self._onward[1]
+
+    def _finish(self, cycle: float, best: Plan, found: Plan | None) -> bool:
+        """Whether a lag is over sooner by the planner to any target than with ``found``."""
+        horizon, known, first = self.horizon, self.known, self.known.first
+        if not self.ended or first == len(known) or (self._exact and len(known) - first > 1):
+            return False
+        if known.last_cycle - cycle > self._most * horizon.cycles:
+            return False
+        due = known.cycle[first:] - cycle
+        seen = len(best.moment)
+        lag = best.moment[-1] * horizon.cycles - due[seen - 1] if seen else 0.0
+        if max(lag, -horizon.progress[0] * horizon.cycles) <= _LAG:
+            return False  # it is in time as it is
+        worst = np.abs(best.deviation).max(axis=0, initial=0.0)
+        made = arrive(
+            horizon.knot,
+            due,
+            known.position[first:],
+            np.minimum(self._allowed(worst), self._tolerance),
+            _CLOSE * horizon.velocity,
+            self._own,
+            self._T,
+        )
+        if made is None:
+            return False
+        most = np.inf if found is None else (found.control.shape[1] + 2) * horizon.cycles
+        if made.cycles > most or not self._turns_enough(made.way):
+            return False
+        self.arrival = made
+        return True
+
+    def _turns_enough(self, way: FloatArray) -> bool:
+        """Whether samples (n, N) turn no more often than the goals do."""
+        steps = np.diff(way, axis=0).T
+        still = STILL * self.horizon.velocity[:, None] / self.horizon.cycles
+        _, count = self.turns.see(np.where(np.abs(steps) > still, steps, 0.0))
+        self.turns.look()
+        return bool((count <= np.maximum(self.turns.asked, self.turns.count)).all())
+
+    def _allowed(self, worst: FloatArray | float) -> FloatArray:
+        """How far from goals a way to the last one may be (N,), where the best plan is so far."""
+        allowed = np.minimum(3.0 * _CLOSE * self.horizon.velocity, self._tolerance)
+        return np.maximum(1.2 * worst, allowed)
 
     def _arrive(self, due: FloatArray, best: Plan) -> Plan | None:
         """The first knot in which all joints can rest on the last goal, if there is one soon."""
@@ -270,8 +326,7 @@ class StreamPlanner:
         if len(aims.moment) < len(due) - first:
             return None
         worst = np.abs(best.deviation).max(axis=0, initial=0.0)
-        allowed = np.minimum(3.0 * _CLOSE * self.horizon.velocity, self._tolerance)
-        allowed = np.maximum(1.2 * worst, allowed)
+        allowed = self._allowed(worst)
         met = bool((worst <= RESOLUTION * self.horizon.velocity).all())
         exact = len(aims.moment) if self._exact and met else 0
         n = max(1, math.ceil(last - 1e-9) - 2)

@@ -22,6 +22,7 @@ from sjerk.trajectory.horizon import Horizon, Plan, numbered
 from sjerk.trajectory.joining import both
 from sjerk.trajectory.known import Known, row_of
 from sjerk.trajectory.segments import Followed
+from sjerk.trajectory.stream_arrival import Arrival
 from sjerk.trajectory.stream_planner import STILL, StreamPlanner
 from sjerk.trajectory.stream_report import Ledger, StreamReport
 
@@ -143,6 +144,8 @@ class GoalStream:
         self._arriving = 0  # knots of a plan that ends on the last goal
         self._cycle = self._segments = self._begin = 0
         self._through = 0  # so many goals were known in the last plan
+        self._arrival: Arrival | None = None  # what is handed out now, and since which cycle
+        self._arrived = 0
         self._told = Ledger(n)
 
     def copy(self) -> GoalStream:
@@ -277,6 +280,17 @@ class GoalStream:
             self._segments += len(made)
         return found
 
+    def rest(self, cycle: int) -> list[Followed]:
+        """Hand out rest up to ``cycle`` of the stream, or to where a motion is to begin."""
+        found: list[Followed] = []
+        while self._cycle < cycle and not self.done:
+            settles = self._horizon.at_ease and self._horizon.resting
+            rest = 1 if settles else self._at_rest(cycle)
+            if not rest:
+                break
+            found += self.take(self._cycle + rest)
+        return found
+
     def keep(self, cycle: int) -> int:
         """Hand out the plan as it is, up to ``cycle`` or to its rest: what ``remainder`` told.
 
@@ -290,7 +304,7 @@ class GoalStream:
                 until = (float(known.cycle[new]) - 1e-6 - self._cycle - 0.5) / self._m
                 more = float(np.clip(progress[1] - until, 0.0, progress[1] - progress[0]))
                 horizon.progress = np.append(progress[:1], progress[1:] - more)
-            made = horizon.follow_on() if horizon.at_ease else self._knot(None)
+            made = self._on() if horizon.at_ease else self._knot(None)
             self._arriving = max(self._arriving - 1, 0)
             self._cycle += int(made.cycles[0])
             self._segments += 1
@@ -308,12 +322,9 @@ class GoalStream:
         """A rest, or one knot more."""
         horizon, known = self._horizon, self._planner.known
         if horizon.at_ease:
-            return horizon.follow_on()
-        if horizon.resting:
-            if self._waiting() and not (self._planner.ended and not self._on_last()):
-                return horizon.settle(max(cycle - self._cycle, 1))
-            if self._cycle < self._begin and not self._waiting():
-                return horizon.settle(min(self._begin, cycle) - self._cycle)
+            return self._on()
+        if (rest := self._at_rest(cycle)) > 0:
+            return horizon.settle(rest)
         if self._arriving:
             self._arriving -= 1
             plan = None
@@ -323,8 +334,34 @@ class GoalStream:
             self._told.starve(out)
             plan, self._arriving = self._planner.plan(self._cycle)
             self._through = self._told.goals
+            if self._planner.arrival is not None:
+                self._arrival = self._planner.arrival
+                self._arrived = self._cycle
+                horizon.finish(self._arrival.pieces)
+                return self._on()
             horizon.end = known.last.copy()
         return self._knot(plan)
+
+    def _at_rest(self, cycle: int) -> int:
+        """Cycles of rest until a motion begins, or ``cycle``; 0: it begins now, or is under way."""
+        if not self._horizon.resting:
+            return 0
+        if self._waiting():
+            to_last = self._planner.ended and not self._on_last()
+            return 0 if to_last else max(cycle - self._cycle, 1)
+        return max(min(self._begin, cycle) - self._cycle, 0)
+
+    def _on(self) -> Followed:
+        """What was planned in one piece, and the goals that it passes."""
+        made, arrival = self._horizon.follow_on(), self._arrival
+        if arrival is not None:
+            until = self._cycle + int(made.cycles[0]) - self._arrived
+            passed = int(np.searchsorted(arrival.passed, until, side="right"))
+            if passed:
+                late = float(arrival.late[passed - 1]) * self._T
+                self._told.passing(arrival.deviation[:passed], late)
+                self._told.ahead(int(arrival.ahead[passed - 1]))
+        return made
 
     def _knot(self, plan: Plan | None) -> Followed:
         """One knot of a plan, or of the one before."""

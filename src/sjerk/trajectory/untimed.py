@@ -1,26 +1,48 @@
 """Following way-points without times, as fast as the limits allow.
 
-``follow_path`` finds times and corners to begin with, ``follow`` does the rest; ``follow_stops`` is
+``follow_path`` finds the fastest spline past the way-points, window by window; ``follow_stops`` is
 a planned motion per line. ``docs/explanation/trajectories.md``. Never here: shared memory, drives.
 """
 
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Iterator, Sequence
-from typing import Any, NamedTuple
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from sjerk.errors import InputError, PlanError, positive
 from sjerk.limits import limits_of_each
 from sjerk.planner import Motion, plan
 from sjerk.profile import FloatArray, Limits
-from sjerk.trajectory.following import BLOCK, LOOKAHEAD, limits_per_cycle, windows
-from sjerk.trajectory.segments import Followed, IntArray
-from sjerk.trajectory.trajectory import Trajectory
+from sjerk.trajectory.corridor import Corridor
+from sjerk.trajectory.fastest import NONE, fastest, feasible, in_cycles, resolution
+from sjerk.trajectory.following import limits_per_cycle
+from sjerk.trajectory.joining import stops_of
+from sjerk.trajectory.parameterization import moments_of, stops_between
+from sjerk.trajectory.programme import Answer, Task
+from sjerk.trajectory.segments import Followed, IntArray, Knot, in_blocks
+from sjerk.trajectory.spline import Knots, among, through
+from sjerk.trajectory.window import (
+    HAND_OUT,
+    KEPT,
+    LOOKAHEAD,
+    Plan,
+    Window,
+    ranges,
+    stop_of,
+    tolerances,
+    units,
+)
+
+#: Segments from way-point to way-point, where these are passed and where they are stops.
+_PASSING, _STOPPING = 2.0, 4.0
+#: By how much a start may become shorter, roughly.
+_HOPE = 1.5
+#: Way-points of a window, to begin with; and most for which stopping at each is compared.
+_SOME, _STOPS = 16, 64
 
 
 def follow_path(
@@ -29,39 +51,53 @@ def follow_path(
     cycle_time: float,
     *,
     joint_names: Sequence[str] | None = None,
-    tolerance: float | None = None,
-    lookahead: int = LOOKAHEAD,
-    block: int = BLOCK,
+    tolerance: float | ArrayLike | None = None,
+    corridor: float | None = None,
+    lookahead: float = LOOKAHEAD,
+    block: int | None = None,
 ) -> Iterator[Followed]:
     """Follow way-points without times as fast as the limits allow, from rest to rest.
 
-    ``points`` (n, N); ``limits``: one for all joints or one each. Without ``tolerance`` every
-    way-point is met bit for bit and the path between is smooth. With a ``tolerance`` (Euclidean, in
-    the joints' unit) the path is the straight lines between the way-points with their corners cut:
-    commanded positions stay within the tolerance of the lines, and the lines' corners within it of
-    them; neighbouring points on one line still are met. For exact stops at every point see
-    ``follow_stops``. Look-ahead: a forward and a backward pass over the window's segments give the
-    times to begin with, then no segment can lose a cycle with the others fixed. ``stretch`` counts
-    the cycles above what the velocity limits need; a block's way-points are those of the cut path.
-    Raises InputError, TrajectoryError, PlanError.
+    ``points`` (n, N). Way-points are met exactly, or within ``tolerance`` (axis units, one for all
+    or one per joint); between them the way is free, unless there is a ``corridor``: then the
+    commanded motion stays within this distance (Euclidean) of the straight lines between the
+    way-points. Two way-points are a straight line. For exact stops at every point, on the lines,
+    see ``follow_stops``; a path that fits into one window is never slower than that. ``limits``:
+    one per joint, or one for all. ``passed`` of the blocks says when and how near each way-point is
+    passed; ``stretch`` is 0. Way-points denser than knots can meet are passed as near as they can.
+    Memory is that of a window of twice ``lookahead`` stops (V/A + A/J of the slowest joint);
+    ``block``: most segments at a time.
+    Raises InputError, PlanError.
 
     >>> corner = [[0.0, 0.0], [0.5, 0.0], [0.5, 0.5]]
     >>> limits = [Limits(2.0, 4.0, 500.0)] * 2
-    >>> narrow, wide = (
-    ...     sum(int(b.cycles.sum()) for b in follow_path(corner, limits, 1e-3, tolerance=near))
-    ...     for near in (0.01, 0.05)
+    >>> exact, near, close = (
+    ...     sum(int(b.cycles.sum()) for b in follow_path(corner, limits, 1e-3, **how))
+    ...     for how in ({}, {"tolerance": 0.01}, {"corridor": 0.01})
     ... )
-    >>> wide < narrow
+    >>> near < exact < close < sum(m.cycles for m in follow_stops(corner, limits, 1e-3))
     True
     """
     T, path = positive("cycle_time", cycle_time), _path(points)
+    each = limits_of_each(limits, path.shape[1])
     names = [f"joint{i}" for i in range(path.shape[1])] if joint_names is None else joint_names
-    kept = path[np.concatenate([[True], (np.diff(path, axis=0) != 0.0).any(axis=1)])]
+    if isinstance(names, str) or len(names) != path.shape[1]:
+        raise InputError("joint_names", names, f"must be one per joint: {path.shape[1]}")
+    near = tolerances(tolerance, path.shape[1])
+    most = None if corridor is None else positive("corridor", corridor)
+    ahead = positive("lookahead", lookahead)
+    box = ranges(each)
+    if box is not None:
+        outside = np.argwhere((path < box[:, 0]) | (path > box[:, 1]))
+        if len(outside):
+            i, k = outside[0]
+            raise InputError(
+                f"points[{i}][{k}]", path[i, k], f"must lie in {box[k, 0]} .. {box[k, 1]}"
+            )
+    kept = np.flatnonzero(np.concatenate([[True], (np.diff(path, axis=0) != 0.0).any(axis=1)]))
     if len(kept) < 2:
         return iter(())
-    if tolerance is None:
-        return _fast(kept, names, limits, T, lookahead, block)
-    return _blended(kept, names, limits, T, positive("tolerance", tolerance), lookahead, block)
+    return in_blocks(_windows(path, kept, names, each, T, near, most, ahead), block)
 
 
 def follow_stops(
@@ -69,21 +105,27 @@ def follow_stops(
 ) -> Iterator[Motion]:
     """Follow straight lines between way-points with an exact stop at each; one ``Motion`` per line.
 
-    ``points`` (n, N). All joints share the phases of each motion, so the way is the line itself.
-    Raises InputError.
+    ``points`` (n, N); ``limits``: one per joint, or one for all. All joints share the phases of
+    each motion, so the way is the line itself. Raises InputError.
 
     >>> [motion.cycles for motion in follow_stops([[0.0], [1.0], [0.5]], [Limits(2, 4, 500)], 1e-3)]
     [1009, 716]
     """
     path = _path(points)
-    each = limits_of_each(limits, path.shape[1])
+    return _stops(path, limits_of_each(limits, path.shape[1]), positive("cycle_time", cycle_time))
+
+
+def _stops(path: FloatArray, limits: Sequence[Limits], T: float) -> Iterator[Motion]:
     for one, two in itertools.pairwise(path.tolist()):
         if one != two:
-            yield plan(one, two, each, cycle_time, synchronization="phase")
+            yield plan(one, two, limits, T, synchronization="phase")
 
 
 def _path(points: ArrayLike) -> FloatArray:
-    path = np.array(points, dtype=np.float64)
+    try:
+        path = np.array(points, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError("points", points, "must be numbers of shape (n, N)") from None
     if path.ndim != 2 or 0 in path.shape:
         raise InputError("points", path.shape, "must have shape (n, N)")
     wrong = np.flatnonzero(~np.isfinite(path).all(axis=1))
@@ -92,191 +134,197 @@ def _path(points: ArrayLike) -> FloatArray:
     return path
 
 
-def _table(path: FloatArray, limits: Limits | Sequence[Limits], T: float) -> FloatArray:
-    return limits_per_cycle(limits_of_each(limits, path.shape[1]), T)
-
-
-def _fast(
+def _windows(
     path: FloatArray,
+    kept: IntArray,
     names: Sequence[str],
-    limits: Limits | Sequence[Limits],
+    limits: Sequence[Limits],
     T: float,
-    lookahead: int,
-    block: int,
+    tolerance: FloatArray | None,
+    corridor: float | None,
+    lookahead: float,
 ) -> Iterator[Followed]:
-    """Through every point, timed by what the velocity limits need at least."""
-    table = _table(path, limits, T)
-    least = np.ceil((np.abs(np.diff(path, axis=0)) / table[:, 0]).max(axis=1) * (1.0 - 1e-9))
-    time = np.concatenate([[0.0], np.cumsum(np.maximum(least, 2.0))]) * T
-    return windows(
-        iter([Trajectory(names, time, path)]), limits, T, False, lookahead, block, guess=_guess
-    )
-
-
-class _Speeds(NamedTuple):
-    """Along the chords of a path, per cycle: lengths, caps of speed and push, knots' speeds."""
-
-    length: FloatArray
-    cap: FloatArray
-    push: FloatArray
-    knot: FloatArray
-    peak: FloatArray
-
-
-def _speeds(path: FloatArray, table: FloatArray) -> _Speeds:
-    """A forward and a backward pass over the speed along the chords of a path."""
-    way = np.diff(path, axis=0)
-    length = np.sqrt((way**2).sum(axis=1))
-    length[length == 0.0] = 1e-300
-    direction = way / length[:, None]
-    cap = (table[:, 0] / np.maximum(np.abs(direction), 1e-12)).min(axis=1)
-    push = (table[:, 1] / np.maximum(np.abs(direction), 1e-12)).min(axis=1)
-    # the turn at a knot takes |u2 - u1| v^2 / (half of both segments) of acceleration
-    turn = np.abs(np.diff(direction, axis=0)) / (0.5 * (length[1:] + length[:-1]))[:, None]
-    corner = np.sqrt((table[:, 1] / np.maximum(turn, 1e-300)).min(axis=1))
-    v = [0.0, *np.minimum(corner, np.minimum(cap[1:], cap[:-1])).tolist(), 0.0]
-    gain = (2.0 * push * length).tolist()
-    for i in range(1, len(v)):
-        v[i] = min(v[i], math.sqrt(v[i - 1] ** 2 + gain[i - 1]))
-    for i in range(len(v) - 2, -1, -1):
-        v[i] = min(v[i], math.sqrt(v[i + 1] ** 2 + gain[i]))
-    knot = np.array(v)
-    peak = np.minimum(cap, np.sqrt(0.5 * (knot[1:] ** 2 + knot[:-1] ** 2) + push * length))
-    return _Speeds(length, cap, push, knot, peak)
-
-
-def _guess(path: FloatArray, table: FloatArray) -> IntArray:
-    """Cycles per segment (n,) to begin with."""
-    speeds = _speeds(path, table)
-    mean = 0.5 * speeds.peak + 0.25 * (speeds.knot[1:] + speeds.knot[:-1])
-    cycles = np.minimum(speeds.length / np.maximum(mean, 1e-300), 1e12)
-    return np.concatenate([[0], np.ceil(cycles)]).astype(np.int64)
-
-
-def _spread(path: FloatArray, owner: IntArray, least: IntArray, table: FloatArray) -> Any:
-    """More way-points on long lines, at equal times of a trapezoidal motion; with their owners.
-
-    ``least``: how many parts the line that ends at a way-point has at least.
-    """
-    speeds = _speeds(path, table)
-    ramp = float((table[:, 0] / table[:, 1]).max())  # to full speed, at constant push
-    every = max(30.0, 4.0 * float((table[:, 1] / table[:, 2]).max()), 0.4 * ramp)
-    rows, owners = [path[:1]], [owner[:1]]
-    for i in range(len(path) - 1):
-        v0, v1, peak, a = (
-            float(x) for x in (*speeds.knot[i : i + 2], speeds.peak[i], speeds.push[i])
+    table = limits_per_cycle(limits, T)
+    if len(kept) == 2:  # the straight line, as ``plan`` goes it
+        yield stops_of(names, list(_stops(path, limits, T)), path, kept)
+        return
+    stop = stop_of(table)
+    window = Window(names, T, Knot.rest(path[0]))
+    planner = Untimed(table, ranges(limits), tolerance, np.ptp(path, axis=0), corridor)
+    horizon, done = (HAND_OUT + lookahead) * stop, 1
+    while done < len(kept) or len(window):
+        done = _fill(window, path, kept, done, table, horizon)
+        ends = done == len(kept)
+        cut = np.inf
+        try:
+            found = planner.plan(window)
+        except (PlanError, InputError):
+            if window.remainder is None:  # at rest: from stop to stop there is always a way
+                some = kept[window.next_point - 1 : window.next_point + len(window)]
+                rests = list(_stops(path[some], limits, T))
+                yield window.stopped(stops_of(names, rests, path, some))
+                continue
+            found = window.remainder  # to rest, as it was planned before
+        else:
+            if not ends:
+                cut = max(found.knots.duration - lookahead * stop, 1.0)
+        if ends and window.first == 0 and len(path) <= _STOPS:
+            still = stops_of(names, list(_stops(path, limits, T)), path, kept)
+            if int(still.cycles.sum()) < found.knots.duration + 1.0:
+                yield still
+                return
+        made = window.hand_out(found, cut)
+        point = made.passed.point
+        yield replace(
+            made,
+            ahead=kept[np.minimum(made.ahead, len(kept) - 1)],
+            passed=replace(made.passed, point=kept[point]),
         )
-        up, down = (peak - v0) / a, (peak - v1) / a
-        cruise = max(
-            0.0,
-            (float(speeds.length[i]) - 0.5 * (v0 + peak) * up - 0.5 * (v1 + peak) * down) / peak,
-        )
-        total = up + cruise + down
-        parts = max(int(total / every + 0.5) if total > 4.0 * every else 1, int(least[i + 1]))
-        t = np.arange(1, parts) * (total / parts)
-        first, last = np.minimum(t, up), np.maximum(t - up - cruise, 0.0)
-        s = v0 * first + 0.5 * a * first**2 + peak * (t - first) - 0.5 * a * last**2
-        share = s / float(speeds.length[i])
-        rows.append(path[i] + share[:, None] * (path[i + 1] - path[i]))
-        rows.append(path[i + 1 : i + 2])
-        owners.append(np.full(parts, owner[i + 1]))
-    return np.concatenate(rows), np.concatenate(owners)
 
 
-def _corners(path: FloatArray, tolerance: float) -> FloatArray:
-    """The fewest points (Douglas and Peucker) whose straight lines stay within the tolerance."""
-    keep = np.zeros(len(path), dtype=np.bool_)
-    keep[[0, -1]] = True
-    todo = [(0, len(path) - 1)]
-    while todo:
-        low, high = todo.pop()
-        if high - low < 2:
-            continue
-        d, rest = path[high] - path[low], path[low + 1 : high] - path[low]
-        square = float(d @ d)
-        along = np.clip(rest @ d / square, 0.0, 1.0) if square > 0.0 else np.zeros(len(rest))
-        gap = ((rest - along[:, None] * d) ** 2).sum(axis=1)
-        # a point passed twice or out of order is a turn
-        turn = np.diff(along, prepend=0.0, append=1.0).min() < 0.0
-        i = int(np.argmax(gap))
-        if gap[i] > tolerance**2 or turn:
-            i = i if gap[i] > tolerance**2 else int(np.argmax((rest**2).sum(axis=1)))
-            keep[low + 1 + i] = True
-            todo += [(low, low + 1 + i), (low + 1 + i, high)]
-    found: FloatArray = path[keep]
-    different = np.concatenate([[True], (np.diff(found, axis=0) != 0.0).any(axis=1)])
-    return np.ascontiguousarray(found[different])
-
-
-#: How often corners that leave the tolerance are cut closer.
-_CUTS = 14
-
-
-def _blended(
+def _fill(
+    window: Window,
     path: FloatArray,
-    names: Sequence[str],
-    limits: Limits | Sequence[Limits],
-    T: float,
-    tolerance: float,
-    lookahead: int,
-    block: int,
-) -> Iterator[Followed]:
-    """Corners cut; where the recording shows that the tolerance is left, more points and closer."""
-    table = _table(path, limits, T)
-    path, tolerance = _corners(path, 0.25 * tolerance), 0.75 * tolerance
-    way = np.diff(path, axis=0)
-    length = np.sqrt((way**2).sum(axis=1))
-    u = way / length[:, None]
-    bend = np.sqrt((np.diff(u, axis=0) ** 2).sum(axis=1))
-    share, between = np.ones(len(path)), np.zeros(len(way), dtype=np.int64)
-    for attempt in range(_CUTS):
-        rows, owner, least = [path[0]], [0], [0]
-        for i in range(1, len(path)):
-            cut = 0.0
-            if i < len(path) - 1 and bend[i - 1] <= 1.95:
-                room = min(length[i - 1], length[i])
-                if bend[i - 1] * room >= 0.1 * tolerance:
-                    cut = share[i] * min(2.0 * tolerance / bend[i - 1], 0.3 * room)
-            least.append(int(between[i - 1]) + 1)
-            if cut == 0.0:
-                rows.append(path[i])
-                owner.append(i)
-            else:
-                for at, line in ((-1.5, i - 1), (-1.0, i - 1), (1.0, i), (1.5, i)):
-                    rows.append(path[i] + at * cut * u[line])
-                    owner.append(i)
-                least += [1, 1, 1]
-        points, owners = _spread(np.array(rows), np.array(owner), np.array(least), table)
-        made = list(_fast(points, names, limits, T, lookahead, block))
-        far = _left(path, made, owners, tolerance)
-        if not far.any():
-            return iter(made)
-        if attempt % 2:
-            share[far] *= 0.5
-        near = far[:-1] | far[1:]
-        between[near] = 2 * between[near] + 1
-    raise PlanError(f"corners {np.flatnonzero(far).tolist()} leave the tolerance {tolerance}")
+    kept: IntArray,
+    done: int,
+    table: FloatArray,
+    horizon: float,
+) -> int:
+    """Way-points for so many cycles; how many are known then."""
+    more = _SOME
+    while done < len(kept):
+        some = kept[done : done + more]
+        window.add(path[some], np.zeros(len(some)))
+        done += len(some)
+        start = window.state.position
+        rows = np.concatenate([start[None], window.points])
+        rows = rows[np.concatenate([[True], (np.diff(rows, axis=0) != 0.0).any(axis=1)])]
+        if len(rows) > 1 and moments_of(rows, table)[-1] >= horizon:
+            break
+        more = len(window)
+    return done
 
 
-def _left(
-    path: FloatArray, made: Sequence[Followed], owner: IntArray, tolerance: float
-) -> NDArray[np.bool_]:
-    """Which corners' neighbourhood is left by more than the tolerance, or not come near to."""
-    position = np.concatenate([block.sample().position for block in made])
-    cycles = np.concatenate([block.cycles for block in made])
-    point = np.concatenate([[0], np.repeat(owner[1:], cycles)])  # the corner ahead of a sample
-    nearest = np.full(len(position), np.inf)
-    for shift in (-2, -1, 0, 1):
-        i = np.clip(point + shift, 0, len(path) - 2)
-        start, way = path[i], path[i + 1] - path[i]
-        along = ((position - start) * way).sum(axis=1) / (way**2).sum(axis=1)
-        gap = position - start - np.clip(along, 0.0, 1.0)[:, None] * way
-        nearest = np.minimum(nearest, np.sqrt((gap**2).sum(axis=1)))
-    far = np.zeros(len(path), dtype=np.bool_)
-    outside = np.unique(point[nearest > tolerance])
-    far[outside] = far[np.maximum(outside - 1, 0)] = True
-    corner = np.full(len(path), np.inf)
-    for shift in (0, 1):
-        i = np.clip(point - shift, 0, len(path) - 1)
-        np.minimum.at(corner, i, np.sqrt(((position - path[i]) ** 2).sum(axis=1)))
-    return far | (corner > tolerance)
+class Untimed:
+    """How way-points are passed that have no times."""
+
+    def __init__(
+        self,
+        table: FloatArray,
+        box: FloatArray | None,
+        tolerance: FloatArray | None,
+        way: FloatArray,
+        corridor: float | None,
+    ) -> None:
+        """``table`` (N, 3): limits per cycle; ``way`` (N,): of each joint."""
+        self._table, self._box, self._stop = table, box, stop_of(table)
+        self._unit = units(table, way, tolerance)
+        self._exact = tolerance is None
+        self._corridor = corridor
+        soft = float((table[:, 1] / table[:, 2]).min())
+        self._spacing = max(2.0, soft / 3.0, self._stop / 60.0)
+
+    def plan(self, window: Window) -> Plan:
+        """The fastest motion past all way-points of a window, to rest at the last."""
+        origin = window.state.position
+        points = window.points - origin
+        box = None if self._box is None else self._box - origin[:, None]
+        task = Task(self._table, self._unit, points[:-1], window.start, points[-1], box)
+        keep: float | FloatArray = NONE if self._exact else 1.0
+        if self._corridor is None:
+            knots, answer = self._fastest(task, keep, window)
+        else:
+            rows = np.concatenate([np.zeros_like(origin)[None], points])
+            times = np.diff(moments_of(rows, self._table)) / self._spacing
+            lines = Corridor(task, self._corridor, None if self._exact else 1.0, times)
+            knots, answer = lines.plan(lambda t, k: self._fastest(t, k, window))
+        moments = np.append(answer.moments + 0.5, knots.duration + 1.0)
+        return Plan(knots, answer, moments, moments, True)
+
+    def _fastest(
+        self, task: Task, keep: float | FloatArray, window: Window
+    ) -> tuple[Knots, Answer]:
+        assert task.end is not None
+        rows = np.concatenate([np.zeros_like(task.end)[None], task.points, task.end[None]])
+        moving = window.state.moving
+        passes = moments_of(rows, self._table, task.start[1] if moving else None)[1:]
+        gaps = stops_between(rows, self._table)
+        if moving:
+            _, v, a = task.start
+            _, A, J = self._table.T
+            gaps[0] += float((np.abs(v) / A + A / J + np.abs(a) / J).max())
+        stops = np.cumsum(gaps)
+        if self._corridor is None:
+            passes, stops = window.going_on(passes), window.going_on(stops)
+        held = _on_limits(task)
+        found: list[_Start] = []
+        for moments, least in ((passes, _PASSING), (stops, _STOPPING)):
+            if found and self._corridor is not None:  # points on lines are no stops
+                break
+            start = self._begun(task, keep, moments, window.left, least, held)
+            found += [] if start is None else [start]
+        best: tuple[Knots, Answer] | None = None
+        for begun in sorted(found, key=lambda x: x.length):
+            if best is not None and best[0].duration <= begun.length / _HOPE:
+                continue
+            own, knots, share = begun.task, begun.knots, begun.keep
+            made = in_cycles(own, knots, fastest(own, knots, begun.answer, share), share)
+            if made is not None and (best is None or made[0].duration < best[0].duration):
+                best = made
+        if best is None:
+            raise PlanError("points: no motion was found that keeps the limits")
+        return best
+
+    def _begun(
+        self,
+        task: Task,
+        keep: float | FloatArray,
+        moments: FloatArray,
+        left: IntArray,
+        least: float,
+        held: FloatArray | None,
+    ) -> _Start | None:
+        """A motion with about these moments, to begin with; None: there is none."""
+        length = max(16, int(np.ceil(moments[-1])))
+        begun = np.minimum(moments[:-1], length - 1e-3)
+        knots = Knots(among(begun, left, length, self._spacing, KEPT * self._stop, least))
+        share: FloatArray = np.atleast_1d(
+            np.maximum(keep, resolution(task, knots, begun, keep))
+        ).astype(np.float64)
+        free = task if held is None else replace(task, box=None)
+        task = replace(task, held=held)
+        for pace in (1.0, 1.5, 4.0):
+            found = feasible(free, knots, begun, pace, share)
+            if found is not None and held is not None:  # inside the limits, a knot at each turn
+                found = fastest(free, knots, found, share)
+                knots = Knots(through(knots.lengths.astype(np.int64), found.moments[held > 0.0]))
+                near = np.argmin(np.abs(knots.time - found.moments[:, None]), axis=1)
+                begun = np.where(held > 0.0, knots.time[near], found.moments)
+                found = feasible(task, knots, begun, found.pace, share)
+            if found is not None:
+                return _Start(task, knots, share, found)
+        return None
+
+
+@dataclass(frozen=True, eq=False)
+class _Start:
+    """A motion for a task, within so many tolerances."""
+
+    task: Task
+    knots: Knots
+    keep: FloatArray
+    answer: Answer
+
+    @property
+    def length(self) -> float:
+        return self.answer.pace * self.knots.duration
+
+
+def _on_limits(task: Task) -> FloatArray | None:
+    """1 for way-points (n,) on a position limit, where the motion turns; None: there are none."""
+    if task.box is None or not len(task.points):
+        return None
+    near = 1e-9 * task.scale[:, None]
+    on = np.abs(task.points[:, :, None] - task.box) <= near
+    held: FloatArray = np.asarray(on.any(axis=(1, 2)), dtype=np.float64)
+    return held if held.any() else None

@@ -30,8 +30,8 @@ util.setLogLevel(util.LogLevel.LOG_ERROR)
 GAP = 0.02
 #: Of a way, configurations so far apart (rad, the largest of all joints) are checked.
 STEP = 0.04
-#: Corners of the way are cut by at most so much (rad, Euclidean).
-TOLERANCE = 0.05
+#: The motion stays so near to the lines of the way (rad, Euclidean).
+CORRIDOR = 0.05
 _RANGE = 0.8
 _STRIDE = 8
 _SHORTCUTS = 80
@@ -104,8 +104,7 @@ def plan(
         Limits(one.velocity * scale[0], one.acceleration * scale[1], one.jerk * scale[2])
         for one in limits
     ]
-    tolerance = TOLERANCE if len(way) > 2 else None
-    blocks = tuple(follow_path(way, own, cycle_time, tolerance=tolerance))
+    blocks = tuple(follow_path(way, own, cycle_time, corridor=CORRIDOR))
     if not blocks:
         raise NoWayError("the arm is at the goal")
     samples = [block.sample() for block in blocks]
