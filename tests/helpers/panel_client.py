@@ -62,6 +62,11 @@ class PanelProcess:
         """The link that views."""
         return str(self.links["view"])
 
+    def kill(self) -> None:
+        """At once, whatever it does."""
+        self.process.kill()
+        self.close()
+
     def close(self) -> int:
         """As Ctrl-C does; the exit code."""
         if self.process.poll() is None:
@@ -99,6 +104,7 @@ class Client:
         self.elements: list[tuple[str, str, str]] = []  # type, label, uuid
         self.props: dict[str, dict[str, Any]] = {}
         self.scene: dict[str, dict[str, Any]] = {}
+        self.nodes: dict[str, dict[str, Any]] = {}  # of the scene, as they were made
         self.frames = 0
         self.bytes = 0
         self.on_message: Callable[[dict[str, Any]], None] = lambda message: None
@@ -139,6 +145,8 @@ class Client:
                 props["value"] = message["value"]
             self.props[message["uuid"]] = props
             self.elements.append((kind, str(props.get("label", "")), message["uuid"]))
+        elif "name" in message and "props" in message:
+            self.nodes[message["name"]] = message
         elif kind == "SceneNodeUpdateMessage":
             self.scene.setdefault(message["name"], {}).update(message["updates"])
         self.on_message(message)
@@ -206,6 +214,12 @@ class Client:
             if found:
                 return found.group(1)
         return ""
+
+    @property
+    def answers(self) -> int:
+        """How many there were so far."""
+        numbers = re.findall(r"class='sjerk-said' data-answer='(\d+)'", self.html)
+        return max(map(int, numbers), default=0)
 
     def told(self, words: str) -> str:
         """Wait for an answer or a text."""

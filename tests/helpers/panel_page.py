@@ -20,6 +20,8 @@ from sjerk.host import PathState
 PROGRAM = os.environ.get("SJERK_CHROMIUM", "")
 #: viser's sorter of splats wants to compile text; the policy refuses, and it is not needed.
 KNOWN = "Evaluating a string as JavaScript violates"
+#: A folder for pictures of the page, made by the tests for the documentation; "": none are made.
+PICTURES = os.environ.get("SJERK_PICTURES", "")
 #: Answers of an order that is not over.
 ON_THE_WAY = r".* s through|in motion|point \d"
 #: Where the browser draws in software it takes all processors that there are, from the kernel and
@@ -35,6 +37,13 @@ FEWER_PICTURES = """
         return last;
     };
     window.cancelAnimationFrame = (id) => { clearTimeout(asked.get(id)); asked.delete(id); };
+"""
+#: Where no picture is wanted nothing is drawn: the scene is judged by its nodes. What draws in
+#: software is a processor's work for a second each time, which the page's scripts would wait for.
+NO_DRAWING = """
+    for (const kind of [WebGLRenderingContext, WebGL2RenderingContext])
+        for (const name of Object.getOwnPropertyNames(kind.prototype))
+            if (/^draw(Arrays|Elements|Range)/.test(name)) kind.prototype[name] = () => {};
 """
 
 
@@ -108,9 +117,13 @@ class Seen:
     """A page of the panel, what it asked for, and what went wrong in it."""
 
     def __init__(self, browser: Browser, link: str, *, height: int = 950) -> None:
-        self.page: Page = browser.new_page(viewport={"width": 1280, "height": height})
+        self.page: Page = browser.new_page(
+            viewport={"width": 1280, "height": height},
+            # drawing in software takes as long as there are pixels; texts stay where they are
+            device_scale_factor=1.0 if PICTURES else 0.5,
+        )
         self.page.set_default_timeout(60_000)
-        self.page.add_init_script(FEWER_PICTURES)
+        self.page.add_init_script(FEWER_PICTURES + ("" if PICTURES else NO_DRAWING))
         self.requests: list[str] = []
         self.faults: list[str] = []
         self.bytes = 0
@@ -126,6 +139,12 @@ class Seen:
         close = self.page.locator(".mantine-Notification-closeButton")
         if close.count():
             close.first.click()
+
+    def picture(self, name: str) -> None:
+        """Keep what is seen, where pictures are wanted."""
+        if PICTURES:
+            self.page.wait_for_timeout(700)
+            self.page.screenshot(path=str(Path(PICTURES) / f"panel_{name}.png"))
 
     def _console(self, message: Any) -> None:
         if message.type == "error":
@@ -222,11 +241,37 @@ class Seen:
         self.page.get_by_role("option", name=option, exact=True).locator("visible=true").click()
 
     def lead(self) -> None:
-        """Take the lead, and let the drives follow."""
-        self.press("Take the lead", "this browser leads")
+        """Take the lead where this page has it not, let the drives follow, open what plans."""
+        if self.button("Take the lead").count():
+            self.press("Take the lead", "this browser leads")
+        self.tab("Signals")
+        self.tab("Plan")
         before = self.answer[0]
         self.label("Enable")
         self.answered(before, "drives follow", "Enable")
+
+    def give_back(self) -> None:
+        """Lead no longer."""
+        if self.button("Give back the lead").count():
+            self.press("Give back the lead", "given back")
+
+    def beside(self, label: str, what: str) -> Any:
+        """Inputs (a role or a tag) in the row of a label."""
+        row = f"xpath=ancestor::*[.//{what}][1]//{what}"
+        seen = self.page.get_by_text(label, exact=True).locator("visible=true").first
+        return seen.locator(row)
+
+    def slide(self, label: str, key: str, times: int = 1) -> None:
+        """Press a key (Home: the least, End: the most) on a slider, or on the first of two."""
+        for _ in range(times):
+            self.beside(label, "*[@role='slider']").first.press(key)
+
+    def fill(self, label: str, *values: object) -> None:
+        """Type into the fields of a row."""
+        fields = self.beside(label, "input[not(@type='hidden')]")
+        for k, value in enumerate(values):
+            fields.nth(k).fill(str(value))
+            fields.nth(k).press("Enter")
 
     def pose(self, name: str) -> None:
         """Make a pose the goal."""

@@ -9,13 +9,17 @@ look, jog and leave by what kills them, again and again; the memory of the panel
 from __future__ import annotations
 
 import argparse
+import itertools
+import json
 import os
 import re
 import signal
 import statistics
+import subprocess
 import sys
 import tempfile
 import time
+import urllib.request
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -31,8 +35,9 @@ from sjerk import Monitor, MotionKernel
 from sjerk.ports.panel.holding import LIMIT
 from sjerk.ports.panel.lead import WATCH
 from sjerk.ports.panel.planning import NoWayError, plan
+from sjerk.ports.panel.server import FRAMES
 
-_PARTS = ("plans", "deaths", "pairs", "frames", "soak")
+_PARTS = ("setup", "plans", "deaths", "pairs", "frames", "soak")
 _TICKS = os.sysconf("SC_CLK_TCK")
 
 
@@ -49,8 +54,30 @@ def memory(pid: int) -> float:
     return int(found.group(1)) / 1024.0
 
 
-def frames(process: PanelProcess, seconds: float) -> None:
-    """Frames a second at a socket, their age, and the panel's processor time."""
+def setup() -> bool:
+    """From a clean clone to the page, by the command that a person types; its size."""
+    root = Path(__file__).resolve().parents[2]
+    with tempfile.TemporaryDirectory() as name:
+        clone = Path(name) / "sjerk"
+        subprocess.run(["git", "clone", "--quiet", str(root), str(clone)], check=True)
+        begun = time.monotonic()
+        order = ["./run", "panel", "--json", "--port", "0", "--name", f"setup-{time.time_ns()}"]
+        process = subprocess.Popen(order, cwd=clone, stdout=subprocess.PIPE, text=True)
+        try:
+            assert process.stdout is not None
+            links = json.loads(process.stdout.readline())
+            with urllib.request.urlopen(links["view"]) as page:
+                size = len(page.read())
+            took = time.monotonic() - begun
+        finally:
+            process.send_signal(signal.SIGINT)
+            process.wait()
+    print(f"set-up: {took:.1f} s from a clean clone to the page of {size / 1e6:.3f} MB")
+    return took <= 120.0 and size <= 1_000_000
+
+
+def frames(process: PanelProcess, seconds: float) -> bool:
+    """Frames a second at a socket, their age, and the panel's processor time; are they enough?"""
     client = Client(process.lead)
     ages: list[float] = []
     stamps: list[float] = []
@@ -85,13 +112,16 @@ def frames(process: PanelProcess, seconds: float) -> None:
             sign = -sign
         took = time.monotonic() - begun
     ages.sort()
+    rate, last = client.frames / took, ages[int(0.99 * len(ages))]
+    cores = (processor(process.process.pid) - before) / took
     print(
-        f"frames at a socket: {client.frames / took:.1f}/s, {client.bytes / took / 1e6:.2f} MB/s; "
+        f"frames at a socket: {rate:.1f}/s, {client.bytes / took / 1e6:.2f} MB/s; "
         f"age of a turned joint: median {1e3 * statistics.median(ages):.1f} ms, "
-        f"p99 {1e3 * ages[int(0.99 * len(ages))]:.1f} ms; "
-        f"panel {(processor(process.process.pid) - before) / took:.3f} core"
+        f"p99 {1e3 * last:.1f} ms, {last * FRAMES:.2f} of a frame's period; "
+        f"panel {cores:.3f} core"
     )
     client.close()
+    return rate >= 30.0 and last <= 1.0 / FRAMES and cores <= 0.15
 
 
 def late(seconds: float, folder: Path, *, looked_at: bool) -> int:
@@ -116,8 +146,8 @@ def counted(name: str, seconds: float) -> int:
         return monitor.feedback().timing_since(first).late
 
 
-def pairs(count: int, seconds: float, folder: Path) -> None:
-    """Late cycles in pairs of runs, one after the other."""
+def pairs(count: int, seconds: float, folder: Path) -> bool:
+    """Late cycles in pairs of runs, one after the other: is the difference within the spread?"""
     rows = [
         (late(seconds, folder, looked_at=False), late(seconds, folder, looked_at=True))
         for _ in range(count)
@@ -129,6 +159,7 @@ def pairs(count: int, seconds: float, folder: Path) -> None:
         f"late cycles of {seconds / 1e-3:.0f} without and with a panel and a page: {rows}; "
         f"median difference {difference:g}, spread without {spread}"
     )
+    return difference <= spread
 
 
 def deaths(folder: Path) -> bool:
@@ -140,8 +171,11 @@ def deaths(folder: Path) -> bool:
         "page closed": lambda process, client: client.close(),
         "panel stopped": lambda process, client: os.kill(process.process.pid, signal.SIGSTOP),
         "panel killed": lambda process, client: os.kill(process.process.pid, signal.SIGKILL),
+        "STOP": lambda process, client: client.click("STOP"),
     }
-    for case, die in cases.items():
+    for what, (case, die) in itertools.product(("jog", "path"), cases.items()):
+        if what == "path" and case in ("released", "silent"):
+            continue  # nothing is held
         name = f"death-{time.time_ns()}"
         with MotionKernel(ROBOT.axes, 1e-3, name=name), Monitor.attach(name) as monitor:
             process = PanelProcess(name=name, folder=folder)
@@ -149,15 +183,21 @@ def deaths(folder: Path) -> bool:
             client.order("Take the lead", "this browser leads")
             client.order("Drives", "drives follow", "Enable")
 
-            def moves(client: Client = client, monitor: Monitor = monitor) -> bool:
-                client.hold("panda_joint1 +")
+            def moves(
+                client: Client = client, monitor: Monitor = monitor, what: str = what
+            ) -> bool:
+                if what == "jog":
+                    client.hold("panda_joint1 +")
                 time.sleep(0.03)
                 return monitor.feedback().moving
 
+            if what == "path":
+                client.set("Pose", "left")
+                client.set("To goal", "Set goal")
+                client.order("Plan & Execute", "in motion")
             until(moves, "moves")
             for _ in range(10):
-                client.hold("panda_joint1 +")
-                time.sleep(0.03)
+                moves()
             last = time.monotonic()
             die(process, client)
             braking = None
@@ -168,10 +208,13 @@ def deaths(folder: Path) -> bool:
                 time.sleep(0.002)
             rest = time.monotonic() - last
             begun = f"{1e3 * braking:.0f} ms" if braking is not None else "at once"
-            most = (WATCH if case.startswith("panel") else LIMIT) + (rest - (braking or 0.0)) + 0.5
+            limit = WATCH if case.startswith("panel") else LIMIT
+            most = limit + (rest - (braking or 0.0)) + 0.5
             verdict = "in time" if rest <= most else "LATE"
             well &= rest <= most
-            print(f"jog, {case}: brakes after {begun}, rests after {1e3 * rest:.0f} ms, {verdict}")
+            print(
+                f"{what}, {case}: brakes after {begun}, rests after {1e3 * rest:.0f} ms, {verdict}"
+            )
             with suppress(ProcessLookupError):
                 os.kill(process.process.pid, signal.SIGKILL)
             process.process.wait()
@@ -253,16 +296,18 @@ def main() -> int:
     well = True
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
+        if "setup" in wanted:
+            well &= setup()
         if "plans" in wanted:
             well &= plans(options.queries, options.seed)
         if "deaths" in wanted:
             well &= deaths(folder)
         if "pairs" in wanted:
-            pairs(options.pairs, options.seconds, folder)
+            well &= pairs(options.pairs, options.seconds, folder)
         if {"frames", "soak"} & set(wanted):
             with panel(name=f"soak-{time.time_ns()}", folder=folder) as process:
                 if "frames" in wanted:
-                    frames(process, options.seconds)
+                    well &= frames(process, options.seconds)
                 if "soak" in wanted:
                     well &= soak(process, options.minutes)
     return 0 if well else 1

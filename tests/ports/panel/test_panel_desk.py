@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import io
 import math
+import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -13,84 +15,40 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pyarrow import parquet
 
-from helpers.panel_bench import ROBOT, SETTINGS
-from sjerk import Monitor, MotionKernel, Recorder
+from helpers.panel_bench import ONE, Bench, ideal_kernel
+from helpers.panel_client import until
+from sjerk import MotionKernel, Recorder
 from sjerk.errors import InputError, SjerkError
-from sjerk.host import PathState
+from sjerk.host import Host, PathState
 from sjerk.ports.panel.desk import AskAgainError, Desk, number, rotation, turn_of
 from sjerk.ports.panel.figure import quaternion
 from sjerk.ports.panel.holding import LIMIT, SILENCE, Holds, Press
 from sjerk.ports.panel.inverse import UnreachableError
-from sjerk.ports.panel.journal import Journal
-from sjerk.ports.panel.lead import Lead, NotLeadingError
+from sjerk.ports.panel.lead import NotLeadingError
+from sjerk.ports.panel.parquet_export import parquet_of
 from sjerk.ports.panel.planning import NoWayError
-from sjerk.ports.panel.scope import SIGNALS
+from sjerk.ports.panel.scope import SIGNALS, Snapshot
 from sjerk.ports.panel.shapes import Shape
-from sjerk.ports.panel.watching import Watching
 
-#: Numbers of browsers.
-ONE, TWO = 1, 2
+TWO = 2
 FULL = (1.0, 1.0, 1.0)
 BALL = Shape("sphere", (0.1,), (0.4, 0.3, 0.5))
-
-
-def until(what: Callable[[], Any], why: str) -> Any:
-    """Wait for something to be true, and return it."""
-    end = time.monotonic() + 60.0
-    while not (found := what()):
-        assert time.monotonic() < end, why
-        time.sleep(0.005)
-    return found
-
-
-class Bench:
-    """A kernel with seven ideal axes, and a desk at it."""
-
-    def __init__(self, kernel: MotionKernel, folder: Path) -> None:
-        self.kernel = kernel
-        self.monitor = Monitor.attach(kernel.name)
-        self.watching = Watching(kernel.name, axes=7)
-        feedback = until(self.watching.attach, "a kernel")
-        self.journal = Journal()
-        self.lead = Lead(self.watching, self.journal.tell)
-        self.desk = Desk(SETTINGS, self.watching, self.lead, self.journal, feedback, folder=folder)
-
-    def ready(self) -> Desk:
-        """Browser one leads, and the drives follow."""
-        self.lead.take(ONE)
-        self.lead.of(ONE).enable()
-        return self.desk
-
-    @property
-    def moves(self) -> bool:
-        """Whether any axis moves."""
-        return self.monitor.feedback().moving
-
-    def rests(self) -> None:
-        """Wait until no axis moves."""
-        until(lambda: not self.moves, "at rest")
 
 
 @pytest.fixture(scope="module")
 def kernel() -> Iterator[MotionKernel]:
     """One process for all tests here; each begins where the one before left the arm."""
-    axes = [replace(axis, drive="ideal", following_error=None) for axis in ROBOT.axes]
-    with MotionKernel(axes, 1e-3) as running:
+    with ideal_kernel() as running:
         yield running
 
 
 @pytest.fixture
 def bench(kernel: MotionKernel, tmp_path: Path) -> Iterator[Bench]:
     """A desk for one test."""
-    made = Bench(kernel, tmp_path)
-    try:
+    with Bench(kernel, tmp_path) as made:
         yield made
-    finally:
-        made.desk.close()
-        made.rests()
-        made.watching.close()
-        made.monitor.close()
 
 
 def other_goal(desk: Desk) -> list[float]:
@@ -295,6 +253,58 @@ def test_anybody_may_stop_and_the_second_press_is_a_quick_stop(bench: Bench) -> 
     assert bench.lead.browser == ONE
 
 
+def test_what_was_ordered_before_a_stop_does_not_begin_after_it(bench: Bench) -> None:
+    """A plan that took its time, and a motion that is commanded beside the stop."""
+    desk = bench.ready()
+    desk.set_goal(ONE, other_goal(desk))
+    stops = bench.lead.stops
+    desk.plan(ONE, FULL, avoid=True)
+    bench.lead.stop()
+    with pytest.raises(NotLeadingError, match="a stop came in between"):
+        desk.execute(ONE, agreed=None, stops=stops)
+    assert not bench.moves
+
+    def beside(host: Host) -> None:
+        bench.lead.stop()
+        host.jog({6: -0.1})
+
+    at = desk.commanded()
+    with pytest.raises(NotLeadingError, match="a stop came in between"):
+        bench.lead.order(ONE, beside)
+    bench.rests()
+    assert np.abs(desk.commanded() - at).max() < 0.1
+    desk.plan(ONE, FULL, avoid=True)
+    desk.execute(ONE, agreed=None, stops=bench.lead.stops).wait(60.0)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_stop_ends_a_held_jog_at_whatever_moment_it_comes(bench: Bench, seed: int) -> None:
+    """Also between the message of the press and its motion; a hand that goes on is cut."""
+    bench.ready()
+    over, begun = threading.Event(), threading.Event()
+
+    def hold() -> None:
+        while not over.wait(0.0005):
+            bench.lead.jog(ONE, 6, -0.2 if seed % 2 else 0.2)
+            begun.set()
+
+    hand = threading.Thread(target=hold)
+    hand.start()
+    try:
+        begun.wait(60.0)
+        time.sleep(np.random.default_rng(seed).uniform(0.0, 0.005))
+        bench.lead.stop()
+        bench.lead.let_all_go()
+        bench.rests()
+        at = bench.desk.commanded()
+        over.wait(0.05)  # held all the time
+        assert (bench.desk.commanded() == at).all()
+    finally:
+        over.set()
+        hand.join()
+        bench.lead.release(ONE, 6)
+
+
 def test_what_a_browser_started_does_not_outlive_it(bench: Bench) -> None:
     """It leaves in the middle of a path, and of a recording."""
     desk = bench.ready()
@@ -328,7 +338,7 @@ def test_a_pose_of_the_flange_becomes_the_goal(bench: Bench) -> None:
 
 
 def test_the_scope_has_every_cycle(bench: Bench) -> None:
-    """Its peaks are those of the trace, and a file of it has each cycle once."""
+    """Its peaks are those of the trace."""
     bench.ready()
     held(bench, 5, 0.2)
     bench.lead.release(ONE, 5)
@@ -336,13 +346,56 @@ def test_the_scope_has_every_cycle(bench: Bench) -> None:
     assert bench.watching.feedback() is not None
     scope = bench.watching.scope
     assert scope is not None
-    cycles, rows = scope.every_cycle()
-    assert (np.diff(cycles.astype(int)) == 1).all() or scope.missed
-    k = SIGNALS.index("velocity")
-    assert np.nanmax(scope.drawn(5, "velocity")) == pytest.approx(rows[:, 5, k].max(), abs=1e-9)
-    lines = scope.csv([5], bench.desk.names).decode().splitlines()
-    assert lines[0].split(",")[2] == "panda_joint6 position"
-    assert len(lines) == len(cycles) + 1
+    whole = scope.snapshot(list(range(7)))
+    assert (np.diff(whole.cycles.astype(int)) == 1).all() or scope.missed
+    peak = whole.rows[:, 5, SIGNALS.index("velocity")].max()
+    assert peak > 0.0
+    assert np.nanmax(scope.drawn(5, "velocity")) == pytest.approx(peak, abs=1e-9)
+    newer = scope.snapshot([5], after=int(whole.cycles[40]))
+    assert newer.cycles.tolist() == whole.cycles[41:].tolist()
+    assert (newer.rows[:, 0] == whole.rows[41:, 5]).all()
+
+
+@given(
+    st.integers(0, 3000),
+    st.integers(1, 2**40),
+    st.floats(-9.0, 0.0),
+    st.floats(0.0, 9.0),
+    st.sampled_from([5e-4, 1e-3, 2e-3, 1 / 3]),
+    st.integers(2, 600),
+)
+def test_what_is_seen_is_what_is_saved(
+    count: int, first: int, begin: float, length: float, cycle_time: float, most: int
+) -> None:
+    """The cycles of those seconds, each once, to the last bit; no peak of them is left out."""
+    random = np.random.default_rng(count)
+    cycles = np.arange(first, first + count, dtype=np.uint64)
+    late = np.cumsum(random.uniform(size=count) < 0.1)  # a late clock leaves some out
+    stamps = ((np.arange(count) + late) * round(1e9 * cycle_time) + 10**12).astype(np.int64)
+    rows = random.normal(size=(count, 2, len(SIGNALS)))
+    end = min(0.0, begin + length)
+    seen = Snapshot(cycles, stamps, rows, cycle_time).between(begin, end)
+    before = (stamps - stamps[-1:]) * 1e-9
+    surely = (before >= begin) & (before <= end)
+    perhaps = (before > begin - cycle_time) & (before < end + cycle_time)
+    assert set(cycles[surely].tolist()) <= set(seen.cycles.tolist())
+    assert set(seen.cycles.tolist()) <= set(cycles[perhaps].tolist())
+    columns = seen.columns(["a,b", "c"])
+    text = seen.csv(["a,b", "c"]).decode().splitlines()
+    table = parquet.read_table(io.BytesIO(parquet_of(columns))).to_pydict()
+    assert list(table) == list(columns)
+    assert len(text) == len(seen.cycles) + 1
+    assert all(row.count(",") == len(columns) - 1 for row in text)
+    for k, (name, values) in enumerate(columns.items()):
+        assert table[name] == values.tolist()
+        assert [float(row.split(",")[k]) for row in text[1:]] == values.tolist()
+    assert columns["c jerk"].tolist() == seen.rows[:, 1, SIGNALS.index("jerk")].tolist()
+    at, drawn = seen.drawn(1, "jerk", origin=10**12, most=most)
+    assert len(at) == len(drawn) <= max(most, 1)
+    if len(seen.cycles):
+        assert drawn.max() == columns["c jerk"].max()
+        assert drawn.min() == columns["c jerk"].min()
+        assert (np.diff(at) >= 0.0).all()
 
 
 def test_saving_into_the_robot_that_is_shipped_is_refused(bench: Bench) -> None:

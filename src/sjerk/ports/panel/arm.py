@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -64,18 +64,40 @@ class Arm:
         if not np.isfinite(table).all():
             raise InputError("dh", dh, "must be finite")
         self.joints = len(table)
-        self.flange = real("flange", flange)
+        #: The flange in the last frame, (4, 4).
+        self.end = np.eye(4)
+        self.end[2, 3] = real("flange", flange)
         if not isinstance(radius, Sequence) or len(radius) != self.joints + 1:
             raise InputError("radius", radius, f"needs {self.joints + 1} numbers, the base first")
-        self.radius = np.array([positive(f"radius[{i}]", r) for i, r in enumerate(radius)])
+        radii = [positive(f"radius[{i}]", r) for i, r in enumerate(radius)]
         self.names = tuple(names) or tuple(f"joint {i + 1}" for i in range(self.joints))
+        self.links = ("base", *(f"link {i + 1}" for i in range(self.joints)))
         #: Frame i in frame i - 1 at angle 0, (N, 4, 4).
-        self.fixed = np.stack([_fixed(*row) for row in table.tolist()])
-        self.capsules = self._shape()
+        self.fixed: FloatArray = np.stack([_fixed(*row) for row in table.tolist()])
+        self.capsules = self._shape(radii)
+
+    @classmethod
+    def of(
+        cls,
+        fixed: FloatArray,
+        *,
+        end: FloatArray,
+        capsules: Sequence[Capsule],
+        names: Sequence[str],
+        links: Sequence[str],
+    ) -> Self:
+        """An arm of any frames: ``fixed`` (N, 4, 4), each before its joint turns about z.
+
+        ``end`` (4, 4): the flange in the last frame; ``links`` (N + 1): how texts call them.
+        """
+        made = cls.__new__(cls)
+        made.joints, made.fixed, made.end = len(fixed), fixed, end
+        made.capsules, made.names, made.links = tuple(capsules), tuple(names), tuple(links)
+        return made
 
     def link_name(self, link: int) -> str:
         """How texts call a link; the one behind the last joint has the flange."""
-        return "base" if link == 0 else f"link {link}"
+        return self.links[link]
 
     def frames(self, q: ArrayLike) -> FloatArray:
         """Every link in the base's frame, (n, N + 1, 4, 4), of angles ``q`` (n, N) in rad.
@@ -100,9 +122,7 @@ class Arm:
 
     def tip_of(self, frames: FloatArray) -> FloatArray:
         """The flange of ``frames``."""
-        end = np.eye(4)
-        end[2, 3] = self.flange
-        found: FloatArray = frames[:, -1] @ end
+        found: FloatArray = frames[:, -1] @ self.end
         return found
 
     def reach(self, beyond: float = 0.0) -> FloatArray:
@@ -123,12 +143,12 @@ class Arm:
             found[i] = (way + own[i + 1 :]).max()
         return found
 
-    def _shape(self) -> tuple[Capsule, ...]:
+    def _shape(self, radii: Sequence[float]) -> tuple[Capsule, ...]:
         """One capsule per link from its frame to the next, and a drum about each joint's axis."""
         found = []
         for i in range(self.joints + 1):
-            r = float(self.radius[i])
-            end = (0.0, 0.0, self.flange)
+            r = radii[i]
+            end = (0.0, 0.0, float(self.end[2, 3]))
             if i < self.joints:
                 x, y, z = self.fixed[i, :3, 3].tolist()
                 end = (x, y, z)

@@ -1,4 +1,4 @@
-"""What every browser sees: the scene, the first line, the table of axes, timing, events.
+"""What every browser sees: the scene, the first line, the table of axes, events.
 
 Outputs only: a shared input could be changed by any browser. Texts of others are escaped. Never
 here: inputs, orders.
@@ -15,17 +15,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sjerk.cycle.states import AxisState
-from sjerk.host import BUCKET_EDGES, AxisFeedback, Distribution, Feedback
+from sjerk.host import AxisFeedback, Feedback
 from sjerk.host.reasons import fault_words
 from sjerk.ports.panel.desk import Desk, Proposal
-from sjerk.ports.panel.figure import RED, Colour, Figure
+from sjerk.ports.panel.figure import RED, Figure
 from sjerk.ports.panel.shapes import Shape
+from sjerk.ports.panel.urdf import Colour
 
 _GREEN: Colour = (81, 164, 103)
 _ARM: Colour = (225, 225, 230)
 _GHOST: Colour = (70, 140, 250)
 _YELLOW: Colour = (250, 176, 5)
-_TIMES = ("latency", "period", "computing")
 _WAY_POINTS = 80
 #: Of PLCopen's states those that are too long for a table.
 _SHORT = {
@@ -54,8 +54,9 @@ class Board:
         _floor(scene)
         self._robot = self._ghost = None
         if desk.arm is not None:
-            self._robot = Figure(scene, desk.arm, "/robot", _ARM)
-            self._ghost = Figure(scene, desk.arm, "/goal", _GHOST, opacity=0.35)
+            seen = desk.settings.visuals
+            self._robot = Figure(scene, desk.arm, "/robot", None, visuals=seen)
+            self._ghost = Figure(scene, desk.arm, "/goal", _GHOST, opacity=0.35, visuals=seen)
         else:
             self._rails = Rails(scene, desk)
         self._shapes: dict[str, tuple[Shape, Any]] = {}
@@ -68,9 +69,8 @@ class Board:
             self.table = gui.add_html("", order=2.0)
         with left.add_tab("Signals") as self.signals:
             pass
-        with left.add_tab("Timing"):
-            self._times = gui.add_html("")
-            self._histograms = {key: _histogram(gui, key) for key in _TIMES}
+        with left.add_tab("Timing") as self.timing:
+            pass
         with left.add_tab("Events"):
             self._events = gui.add_html("")
         left.dock_left()
@@ -223,12 +223,11 @@ class Board:
                 self._shapes[name] = shape, self._added(name, shape)
 
     def _added(self, name: str, shape: Shape) -> Any:
-        scene, root, up = self._server.scene, "/scene", 0.0
-        if shape.attached and self._robot is not None and self._desk.arm is not None:
-            root, up = f"{self._robot.last}/tool", self._desk.arm.flange
-        x, y, z = shape.centre
+        scene, root = self._server.scene, "/scene"
+        if shape.attached and self._robot is not None:
+            root = self._robot.tool
         common: dict[str, Any] = {
-            "position": (x, y, z + up),
+            "position": shape.centre,
             "wxyz": (math.cos(shape.yaw / 2.0), 0.0, 0.0, math.sin(shape.yaw / 2.0)),
             "color": _GREEN,
         }
@@ -245,32 +244,6 @@ class Board:
         if journal.changes != self._told:
             self._told = journal.changes
             self._events.content = journal.html()
-
-    # ---- once a second
-
-    def times(self, feedback: Feedback, since: Feedback | None) -> None:
-        """The cycle-time report, since the last reset."""
-        timing = feedback.timing if since is None else feedback.timing_since(since)
-        rows = []
-        for key in _TIMES:
-            one: Distribution = getattr(timing, key)
-            cells = (one.median, one.p99, one.p999, one.worst)
-            rows.append(
-                f"<tr><td>{key}</td>"
-                + "".join(f"<td style='text-align:right'>{1e6 * v:.1f}</td>" for v in cells)
-                + "</tr>"
-            )
-            self._histograms[key].data = _steps(one)
-        granted = timing.clock.scheduling
-        rights = granted.asked if granted.granted else f"not granted: {granted.reason}"
-        self._times.content = (
-            "<div style='font-size:12px;padding:6px'><table style='width:100%'>"
-            "<tr style='opacity:.6;text-align:right'><th style='text-align:left'>µs</th>"
-            "<th>median</th><th>p99</th><th>p99.9</th><th>worst</th></tr>"
-            + "".join(rows)
-            + f"</table>late cycles {timing.late} of {timing.period.count}; "
-            f"real-time priority: {html.escape(rights)}</div>"
-        )
 
 
 class Rails:
@@ -303,29 +276,3 @@ def _floor(scene: Any) -> None:
     across = np.stack([ends, np.repeat(at[:, None], 2, 1), np.zeros((11, 2))], axis=2)
     lines = np.concatenate([across, across[..., [1, 0, 2]]])
     scene.add_line_segments("/floor", points=lines, colors=(134, 142, 150), line_width=1)
-
-
-def _histogram(gui: Any, key: str) -> Any:
-    return gui.add_uplot(
-        (np.array([0.1, 1.0]), np.zeros(2)),
-        (
-            {"label": "µs"},
-            {"label": "cycles (log10)", "stroke": "#37b24d", "fill": "#37b24d40"},
-        ),
-        title=f"{key} [µs], log10 of cycles",
-        height=160,
-        scales={"x": {"time": False, "distr": 3}},
-        legend={"show": False},
-    )
-
-
-def _steps(times: Distribution) -> tuple[NDArray[Any], NDArray[Any]]:
-    """The histogram as a line, both axes to be read by powers of ten."""
-    used = np.flatnonzero(times.buckets)
-    if not len(used):
-        return np.array([0.1, 1.0]), np.zeros(2)
-    first, last = max(0, int(used[0]) - 1), min(len(times.buckets) - 1, int(used[-1]) + 1)
-    edges = BUCKET_EDGES[first : last + 2] * 1e6
-    x = np.repeat(edges, 2)[1:-1]
-    x[1::2] *= 1.0 - 1e-9  # abscissas must grow
-    return x, np.repeat(np.log10(1.0 + times.buckets[first : last + 1]), 2)

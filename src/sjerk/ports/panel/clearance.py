@@ -62,7 +62,7 @@ class Clearance:
         for name, shape in scene.shapes.items():
             if shape.attached:
                 centres, radii = shape.cover()
-                tool.append(centres + np.array([0.0, 0.0, arm.flange]))
+                tool.append(centres @ arm.end[:3, :3].T + arm.end[:3, 3])
                 tool_radius.append(radii)
                 owner += [name] * len(radii)
         #: Spheres of what is attached, in the last link's frame.

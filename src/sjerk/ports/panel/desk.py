@@ -10,6 +10,7 @@ import math
 import threading
 import time
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -36,6 +37,7 @@ FloatArray = NDArray[np.float64]
 #: The commanded position may differ by so much (axis unit) from where a plan begins.
 _SAME = 1e-9
 _MOST_SHAPES = 32
+_WORKERS = 16
 
 
 class AskAgainError(SjerkError):
@@ -49,6 +51,13 @@ def number(what: str, value: Any, low: float, high: float) -> float:
     if not low <= value <= high:
         raise InputError(what, value, f"must be {low:g} .. {high:g}")
     return float(value)
+
+
+def numbers(what: str, values: Any, names: Sequence[str], low: float, high: float) -> list[float]:
+    """As many numbers as names; raises InputError."""
+    if not isinstance(values, list | tuple) or len(values) != len(names):
+        raise InputError(what, values, f"must be {len(names)} numbers: {', '.join(names)}")
+    return [number(f"{what}.{n}", v, low, high) for n, v in zip(names, values, strict=True)]
 
 
 @dataclass(frozen=True)
@@ -99,6 +108,8 @@ class Desk:
         self.proposal: Proposal | None = None
         self.preview = False
         self._planning = threading.Lock()
+        #: Where orders that take some time are worked on.
+        self.workers = ThreadPoolExecutor(_WORKERS, thread_name_prefix="order")
 
     # ---- what is there
 
@@ -148,9 +159,9 @@ class Desk:
             raise SjerkError("there is no arm")
         angles = self.goal + self.zero
         pose = self.arm.tip(angles)[0]
-        pose[:3, 3] = [number(n, v, -10.0, 10.0) for n, v in zip("xyz", place, strict=True)]
+        pose[:3, 3] = numbers("place", place, "xyz", -10.0, 10.0)
         if turn is not None:
-            pose[:3, :3] = rotation([number("turn", v, -7.0, 7.0) for v in turn])
+            pose[:3, :3] = rotation(numbers("turn", turn, ("roll", "pitch", "yaw"), -7.0, 7.0))
         low, high = self.lower + self.zero, self.upper + self.zero
         found = solve(self.arm, pose, angles, low, high) - self.zero
         self._goal_at(np.clip(found, self.lower, self.upper))
@@ -224,11 +235,12 @@ class Desk:
         speed: Any = 1.0,
         hold: bool = False,
         then: Callable[[str], None] | None = None,
+        stops: int | None = None,
     ) -> PlayedPath:
         """Play the plan; refused where the arm or the scene has changed since.
 
-        ``agreed``: the proposal that was clicked before; ``then`` as of ``Lead.play``. Raises
-        NotLeadingError, AskAgainError.
+        ``agreed``: the proposal that was clicked before; ``then`` and ``stops`` as of
+        ``Lead.play``. Raises NotLeadingError, AskAgainError.
         """
         self.lead.of(browser)
         factor = number("speed", speed, 0.0, 2.0)
@@ -252,7 +264,8 @@ class Desk:
                 bad=True,
             )
         self.preview = False
-        path = self.lead.play(browser, proposal.plan.blocks, speed=factor, hold=hold, then=then)
+        blocks = proposal.plan.blocks
+        path = self.lead.play(browser, blocks, speed=factor, hold=hold, then=then, stops=stops)
         self.proposal = None
         return path
 
@@ -275,6 +288,7 @@ class Desk:
 
     def close(self) -> None:
         """End."""
+        self.workers.shutdown(wait=False, cancel_futures=True)
         self.lead.close()
         if self.taking.browser is not None:
             self.left(self.taking.browser, "the panel ends")

@@ -5,17 +5,19 @@ Never here: kinematics, colours of anything else.
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sjerk.ports.panel.arm import Arm, Capsule
+from sjerk.ports.panel.arm import Arm
+from sjerk.ports.panel.capsules import capsule_mesh
+from sjerk.ports.panel.urdf import Colour, Visual
 
-Colour = tuple[int, int, int]
 RED: Colour = (224, 49, 49)
+_PLAIN: Colour = (225, 225, 230)
 _SHADE = 0.72
-_RINGS, _SIDES = 6, 18
 
 
 def quaternion(rotation: NDArray[Any]) -> tuple[float, float, float, float]:
@@ -46,38 +48,34 @@ def quaternion(rotation: NDArray[Any]) -> tuple[float, float, float, float]:
     return w, x, y, z
 
 
-def capsule_mesh(capsule: Capsule) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Vertices (n, 3) and triangles (m, 3) of a capsule, in its link's frame.
-
-    Rings around its line: those of a half sphere at either end.
-    """
-    start, end = np.array(capsule.start), np.array(capsule.end)
-    along = (end - start) / np.linalg.norm(end - start)
-    side = np.cross(along, np.eye(3)[np.argmin(np.abs(along))])
-    side /= np.linalg.norm(side)
-    up = np.cross(along, side)
-    latitude = np.linspace(-np.pi / 2.0, np.pi / 2.0, 2 * _RINGS)
-    turn = np.linspace(0.0, 2.0 * np.pi, _SIDES, endpoint=False)
-    around = np.cos(turn)[:, None] * side + np.sin(turn)[:, None] * up
-    rows = [
-        (start if angle < 0.0 else end)
-        + capsule.radius * (np.sin(angle) * along + np.cos(angle) * around)
-        for angle in latitude
-    ]
-    ring, k = np.meshgrid(np.arange(2 * _RINGS - 1), np.arange(_SIDES), indexing="ij")
-    one, two = ring * _SIDES + k, ring * _SIDES + (k + 1) % _SIDES
-    faces = [[one, two, one + _SIDES], [two, two + _SIDES, one + _SIDES]]
-    triangles = np.concatenate([np.stack(f, axis=-1).reshape(-1, 3) for f in faces])
-    return np.concatenate(rows), triangles
+def _seen(
+    arm: Arm, visuals: Sequence[Visual], link: int, colour: Colour | None
+) -> Iterator[tuple[NDArray[Any], NDArray[Any], Colour]]:
+    """Vertices, triangles, colour of all that is seen of a link."""
+    for one in visuals:
+        if one.link == link:
+            yield one.vertices, one.faces, colour or one.colour
+    if not visuals:
+        for k, capsule in enumerate(c for c in arm.capsules if c.link == link):
+            r, g, b = (int(v * (_SHADE if k else 1.0)) for v in colour or _PLAIN)
+            yield *capsule_mesh(capsule), (r, g, b)
 
 
 class Figure:
     """One arm at ``root`` of a server's scene."""
 
     def __init__(
-        self, scene: Any, arm: Arm, root: str, colour: Colour, opacity: float | None = None
+        self,
+        scene: Any,
+        arm: Arm,
+        root: str,
+        colour: Colour | None,
+        *,
+        opacity: float | None = None,
+        visuals: Sequence[Visual] = (),
     ) -> None:
-        self._arm, self._colour = arm, colour
+        """``colour`` None: each of ``visuals`` has its own; without those its capsules are seen."""
+        self._arm = arm
         self._root = scene.add_frame(root, show_axes=False)
         self._frames: list[Any] = []
         self._meshes: dict[int, list[tuple[Any, Colour]]] = {}
@@ -96,20 +94,24 @@ class Figure:
                     )
                 )
             self._meshes[link] = []
-            for k, capsule in enumerate(c for c in arm.capsules if c.link == link):
-                vertices, faces = capsule_mesh(capsule)
-                r, g, b = (int(v * (_SHADE if k else 1.0)) for v in colour)
+            for k, (vertices, faces, own) in enumerate(_seen(arm, visuals, link, colour)):
                 handle = scene.add_mesh_simple(
                     f"{name}/shape{k}",
                     vertices,
                     faces,
-                    color=(r, g, b),
+                    color=own,
                     opacity=opacity,
                     flat_shading=False,
                 )
-                self._meshes[link].append((handle, (r, g, b)))
-        #: The name under which what the tool holds is added.
-        self.last = name
+                self._meshes[link].append((handle, own))
+        #: The frame of the flange, with what the tool holds.
+        self.tool = f"{name}/tool"
+        scene.add_frame(
+            self.tool,
+            show_axes=False,
+            position=arm.end[:3, 3],
+            wxyz=quaternion(arm.end[:3, :3]),
+        )
 
     def show(self, q: ArrayLike) -> None:
         """Turn the joints, rad."""

@@ -43,18 +43,21 @@ class JogTab:
 
         async def let_go(_: Any) -> None:
             self._desk.lead.release(self._page.browser, axis)
+
+        def stepped(stops: int) -> None:
             if self._mode.value == _STEP:
-                self._page.do(lambda: self._moved(axis, sign))
+                self._moved(axis, sign, stops)
 
         button.on_hold(held, callback_hz=_HZ)
         button.on_click(let_go)
+        self._page.on_press(button, stepped)
 
     def _jog(self, axis: int, sign: float) -> None:
         share = number("velocity", self._share.value, 0.0, 1.0)
         velocity = sign * share * self._desk.limits[axis].velocity
         self._desk.lead.jog(self._page.browser, axis, velocity)
 
-    def _moved(self, axis: int, sign: float) -> None:
+    def _moved(self, axis: int, sign: float, stops: int) -> None:
         own = self._desk.limits[axis]
         share = number("velocity", self._share.value, 0.01, 1.0)
         step = number("step", self._step.value, 0.0, 1e6)
@@ -62,6 +65,7 @@ class JogTab:
         self._desk.lead.order(
             self._page.browser,
             lambda host: host.move({axis: sign * step}, relative=True, limits={axis: slower}),
+            stops=stops,
         )
 
     def tick(self) -> None:

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 
 from sjerk.errors import HostTakenError, InputError, SjerkError
 from sjerk.host import Blocks, Host, Path
@@ -45,6 +45,7 @@ class Lead:
         self._path: Path | None = None
         self._holds = Holds()
         self._stopped = -_AGAIN
+        self._stops = 0
         self._users: list[Callable[[], None]] = []
         self._then: Callable[[str], None] | None = None
         self._end = threading.Event()
@@ -62,6 +63,11 @@ class Lead:
     def path(self) -> Path | None:
         """The path that was executed last."""
         return self._path
+
+    @property
+    def stops(self) -> int:
+        """How many stops there were; whoever commands by itself ends with the next one."""
+        return self._stops
 
     def take(self, browser: int) -> None:
         """Become the leader; raises NotLeadingError with who is it."""
@@ -105,15 +111,15 @@ class Lead:
     def _leave(self) -> None:
         host, self._host, self._browser = self._host, None, None
         self._holds.clear(time.monotonic())
+        self._stops += 1
         if host is None:
             return
-        with suppress(SjerkError, OSError):
-            self._watching.stop(quick=False)  # the kernel takes it though this host leaves
-        with suppress(SjerkError, OSError):
-            host.halt(timeout=0.0)
+        self._halt(host)
         users, self._users = self._users, []
         for end in users:  # nobody else may use the host when it is closed
             end()
+        if users:  # one may have begun a motion beside the stop
+            self._halt(host)
         self._look_at_path("the lead is given back")
         self._path = None
         with suppress(SjerkError, OSError):
@@ -121,17 +127,49 @@ class Lead:
         with suppress(SjerkError, OSError):
             host.close()
 
+    def _halt(self, host: Host) -> None:
+        with suppress(SjerkError, OSError):
+            self._watching.stop(quick=False)  # the kernel takes it though this host leaves
+        with suppress(SjerkError, OSError):
+            host.halt(timeout=0.0)
+
     # ---- stopping: any browser may, and whoever leads
 
     def stop(self) -> str:
-        """Halt all axes; again within 2 s: the quick stop. Waits for nothing, asks nothing."""
+        """Halt all axes; again within 2 s: the quick stop. Waits for nothing, asks nothing.
+
+        Not even for the lock: whoever has it, and commands something beside this stop, finds
+        ``stops`` changed and halts again. ``let_all_go`` is to be called next.
+        """
         now = time.monotonic()
         quick = now - self._stopped < _AGAIN
         self._stopped = now
+        self._stops += 1  # first
         self._watching.stop(quick=quick)
-        with self._lock:
-            self._holds.clear(now)
         return "quick stop" if quick else "halt"
+
+    def let_all_go(self) -> None:
+        """After a stop: every held button needs a fresh press; a jog that began beside it ends."""
+        with self._lock:
+            held = self._holds.any
+            self._holds.clear(time.monotonic())
+            if held:
+                self._watching.stop(quick=False)
+
+    def check_stops(self, stops: int | None) -> None:
+        """Raise NotLeadingError where a stop was asked for since there were so many."""
+        if stops is not None and stops != self._stops:
+            raise NotLeadingError("a stop came in between: order it again")
+
+    @contextmanager
+    def _unless_stopped(self, host: Host, stops: int | None) -> Iterator[None]:
+        """What is commanded within is halted where a stop came beside it; raises then."""
+        before = self._stops if stops is None else stops
+        self.check_stops(before)
+        yield
+        if self._stops != before:
+            host.halt(timeout=0.0)
+            self.check_stops(before)
 
     # ---- orders
 
@@ -144,7 +182,8 @@ class Lead:
                 return
             if press is Press.BEGINS:
                 try:
-                    host.jog({axis: velocity})
+                    with self._unless_stopped(host, None):
+                        host.jog({axis: velocity})
                 except SjerkError:
                     self._holds.cut(axis, time.monotonic())
                     raise
@@ -156,10 +195,26 @@ class Lead:
             if self._holds.release(axis) and self._browser == browser and self._host is not None:
                 self._host.halt(timeout=0.0, axes=[axis])
 
-    def order(self, browser: int, work: Callable[[Host], object]) -> None:
-        """An order of the browser that leads; the host stays as long as it takes."""
+    def order(
+        self, browser: int, work: Callable[[Host], object], *, stops: int | None = None
+    ) -> None:
+        """An order of the browser that leads; ``work`` may not wait: the dead-man's switch does.
+
+        ``stops``: how many there were when it was given; with one more it is refused.
+        """
         with self._lock:
-            work(self.of(browser))
+            host = self.of(browser)
+            with self._unless_stopped(host, stops):
+                work(host)
+
+    def reset(self, browser: int) -> None:
+        """Ask for a reset of faults, and wait for nothing."""
+
+        def ask(host: Host) -> None:
+            with suppress(TimeoutError):
+                host.reset(timeout=1e-6)
+
+        self.order(browser, ask)
 
     def use(self, end: Callable[[], None]) -> None:
         """Call this before the host is closed: whoever uses it in a thread ends there."""
@@ -174,17 +229,20 @@ class Lead:
         speed: float = 1.0,
         hold: bool = False,
         then: Callable[[str], None] | None = None,
+        stops: int | None = None,
     ) -> Path:
         """Execute a path; ``hold``: only while its button is held.
 
-        ``then`` is called once it is over: with "" at its end, else with the reason.
+        ``then`` is called once it is over: with "" at its end, else with the reason. ``stops`` as
+        of ``order``.
         """
         with self._lock:
             host = self.of(browser)
             if self._holds.others(_RUN):
                 raise NotLeadingError("a jog button is held")
             self._look_at_path("another path is executed")
-            path = host.follow(blocks)
+            with self._unless_stopped(host, stops):
+                path = host.follow(blocks)
             self._path, self._then = path, then
             if speed != 1.0:
                 path.speed(speed)
@@ -201,7 +259,8 @@ class Lead:
                 host.beat()
             path = self._path
             if press is Press.BEGINS and path is not None and path.paused and not path.state.ended:
-                path.resume()
+                with self._unless_stopped(host, None):
+                    path.resume()
             return press
 
     def refuse(self, browser: int) -> None:

@@ -38,6 +38,8 @@ class Order:
     open: bool = False
     any_owner: bool = False
     seconds: float = math.inf
+    urdf: Path | None = None
+    tip: str | None = None
 
 
 def run(order: Order, show: Callable[[dict[str, object]], None]) -> int:
@@ -48,7 +50,14 @@ def run(order: Order, show: Callable[[dict[str, object]], None]) -> int:
     robot = order.robot or SHIPPED
     table = read_table(robot)
     kernel = described(robot, table, name=order.name)  # checks the file, and starts nothing
-    settings = PanelSettings.of(robot, table, len(kernel.axes), fixed=order.robot is None)
+    settings = PanelSettings.of(
+        robot,
+        table,
+        len(kernel.axes),
+        fixed=order.robot is None,
+        urdf=order.urdf,
+        tip=order.tip,
+    )
     child = None
     if not _runs(kernel.name):
         child = _start(robot, kernel.name)

@@ -6,6 +6,7 @@ Each order is checked by the desk, whatever this page shows. Never here: plannin
 from __future__ import annotations
 
 import html
+import time
 from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
@@ -14,6 +15,7 @@ import viser
 
 from sjerk.errors import SjerkError
 from sjerk.host import Host
+from sjerk.ports.panel.demo_tab import DemoTab
 from sjerk.ports.panel.desk import Desk
 from sjerk.ports.panel.door import Role
 from sjerk.ports.panel.jogging import JogTab
@@ -21,15 +23,24 @@ from sjerk.ports.panel.plan_tab import PlanTab
 from sjerk.ports.panel.playing import PlayTab
 from sjerk.ports.panel.scene_tab import SceneTab
 from sjerk.ports.panel.signals import Signals
+from sjerk.ports.panel.timing_tab import TimingTab
 
-#: Seconds until drives must follow, or faults be reset.
-_PATIENCE = 3.0
+#: Seconds until drives must follow, and between two looks.
+_PATIENCE, _LOOK = 3.0, 0.02
+
+
+def _enable(host: Host) -> None:
+    """Ask for it, and wait for nothing."""
+    with suppress(TimeoutError):
+        host.enable(timeout=1e-6)
 
 
 class Page:
-    """Of one viser client; ``role``: what its link may; ``now`` and ``signals``: tabs of all."""
+    """Of one viser client; ``role``: what its link may; ``now`` and the others: tabs of all."""
 
-    def __init__(self, desk: Desk, client: Any, role: Role, *, now: Any, signals: Any) -> None:
+    def __init__(
+        self, desk: Desk, client: Any, role: Role, *, now: Any, signals: Any, timing: Any
+    ) -> None:
         self._locked: list[Any]
         self._answers = 0
         self.desk, self.client, self.role = desk, client, role
@@ -43,8 +54,13 @@ class Page:
                 order=1.0,
                 hint="jerk-limited halt of all axes, whoever leads; again within 2 s: quick stop",
             )
-        self.stop.on_click(lambda _: self._stop())
-        self.signals = Signals(gui, desk, signals, self._download)
+
+        async def stop(_: Any) -> None:  # on the event loop: no order that waits is before it
+            self._stop()
+
+        self.stop.on_click(stop)
+        self.signals = Signals(gui, desk, signals, download=self._download, do=self.do)
+        self.timing = TimingTab(gui, timing)
         if role == "lead":
             with signals:
                 record = gui.add_button("Record every cycle", hint="begins, or ends it: Parquet")
@@ -70,7 +86,7 @@ class Page:
             self.take = gui.add_button("Take the lead", icon=viser.Icon.STEERING_WHEEL, order=3.0)
             self.power = gui.add_button_group("Drives", ("Enable", "Disable", "Reset"), order=4.0)
         self.take.on_click(lambda _: self.do(self._toggle))
-        self.power.on_click(lambda _: self.do(self._power))
+        self.on_press(self.power, self._power)
         group = gui.add_tab_group(order=0.4)
         with group.add_tab("Plan"):
             self.plan = PlanTab(self, gui)
@@ -82,7 +98,9 @@ class Page:
                 self.tabs.append(self.scene)
         with group.add_tab("Trajectories"):
             self.play = PlayTab(self, gui)
-        self.tabs += [self.plan, self.jog, self.play]
+        with group.add_tab("Demo"):
+            self.demo = DemoTab(self, gui)
+        self.tabs += [self.plan, self.jog, self.play, self.demo]
         for tab in self.tabs:
             self._locked += tab.locked
 
@@ -97,6 +115,19 @@ class Page:
         except (SjerkError, TimeoutError, OSError) as fault:
             self.say(str(fault), bad=True)
             self.desk.journal.tell(f"browser {self.browser}: {fault}", bad=True)
+
+    def on_press(self, button: Any, work: Callable[[int], object]) -> None:
+        """A button that moves something: ``work`` gets the number of stops when it was pressed.
+
+        So that nothing begins to move after a stop that was pressed later, however long it waits.
+        """
+
+        async def pressed(_: Any) -> None:
+            stops = self.desk.lead.stops
+            with suppress(RuntimeError):  # the panel ends
+                self.desk.workers.submit(self.do, lambda: work(stops))
+
+        button.on_click(pressed)
 
     def say(self, text: str, *, bad: bool = False) -> None:
         """One line under the buttons."""
@@ -130,6 +161,7 @@ class Page:
     def _stop(self) -> None:
         def stop() -> None:
             what = self.desk.lead.stop()
+            self.desk.workers.submit(self.do, self.desk.lead.let_all_go)
             self.say(f"{what} asked for")
             self.desk.journal.tell(f"browser {self.browser}: STOP, {what}")
 
@@ -144,20 +176,25 @@ class Page:
             lead.take(self.browser)
             self.say("this browser leads")
 
-    def _power(self) -> None:
-        orders: dict[str, Callable[[Host], object]] = {
-            "Enable": lambda host: host.enable(timeout=_PATIENCE),
-            "Disable": lambda host: host.disable(timeout=0.0),
-            "Reset": lambda host: host.reset(timeout=_PATIENCE),
-        }
-        answers = {"Enable": "drives follow", "Disable": "drives stop", "Reset": "faults are reset"}
-        word = str(self.power.value)
-        if word in orders:
-            self.desk.lead.order(self.browser, orders[word])
-            self.say(answers[word])
+    def _power(self, stops: int) -> None:
+        lead, word = self.desk.lead, str(self.power.value)
+        if word == "Reset":
+            lead.reset(self.browser)
+            self.say("faults are reset")
+        elif word == "Disable":
+            lead.order(self.browser, lambda host: host.disable(timeout=0.0))
+            self.say("drives stop")
+        elif word == "Enable":
+            lead.order(self.browser, _enable, stops=stops)
+            until = time.monotonic() + _PATIENCE
+            while not self.desk.watching.follow():
+                if time.monotonic() > until:
+                    raise TimeoutError(f"the drives do not follow within {_PATIENCE:g} s")
+                time.sleep(_LOOK)
+            self.say("drives follow")
 
     def _download(self, name: str, data: bytes) -> None:
-        self.client.send_file_download(name, data)
+        self.client.send_file_download(name, data, save_immediately=True)
 
     def _theme(self, dark: bool) -> None:
         self.client.gui.configure_theme(

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sjerk.errors import InputError, SjerkError
-from sjerk.ports.panel.desk import AskAgainError, Proposal, number, turn_of
+from sjerk.ports.panel.desk import AskAgainError, Proposal, numbers, turn_of
 from sjerk.ports.panel.holding import Press
 
 if TYPE_CHECKING:
@@ -80,8 +80,8 @@ class PlanTab:
         self._go.on_click(lambda _: page.do(self._posed))
         self._keep.on_click(lambda _: page.do(self._kept))
         self._plan.on_click(lambda _: page.do(self._planned))
-        self._run.on_click(lambda _: page.do(self._executed))
-        self._both.on_click(lambda _: page.do(self._planned_and_executed))
+        page.on_press(self._run, self._executed)
+        page.on_press(self._both, self._planned_and_executed)
         self._speed.on_update(lambda _: page.do(self._sped))
 
         async def held(_: Any) -> None:
@@ -133,7 +133,9 @@ class PlanTab:
         self._page.say(f"pose {self._name.value} is saved")
 
     def _reached(self) -> None:
-        turn = [math.radians(number("rpy", a, -720.0, 720.0)) for a in self._turn.value]
+        names = ("roll", "pitch", "yaw")
+        degrees = numbers("rpy", self._turn.value, names, -360.0, 360.0)
+        turn = [math.radians(angle) for angle in degrees]
         self._desk.reach(self._page.browser, self._place.value, turn)
         self._show_goal()
         self._page.say("the goal is set: these angles bring the flange there")
@@ -156,7 +158,7 @@ class PlanTab:
             text = f"COLLIDES. {text}"
         self._page.say(text, bad=made.collides)
 
-    def _executed(self, *, hold: bool = False) -> None:
+    def _executed(self, stops: int, *, hold: bool = False) -> None:
         page, desk = self._page, self._desk
         proposal, agreed = desk.proposal, self._agreed
         over, self._over = self._over, False
@@ -168,6 +170,7 @@ class PlanTab:
                 speed=self._speed.value,
                 hold=hold,
                 then=self._ended,
+                stops=stops,
             )
         except AskAgainError:
             self._agreed, self._over = proposal, over
@@ -183,9 +186,9 @@ class PlanTab:
         self._over = True
         self._page.say(why or "on the goal", bad=bool(why))
 
-    def _planned_and_executed(self) -> None:
+    def _planned_and_executed(self, stops: int) -> None:
         self._planned()
-        self._executed()
+        self._executed(stops)
 
     def _held(self) -> None:
         lead = self._desk.lead
@@ -193,7 +196,7 @@ class PlanTab:
         if press is not Press.BEGINS or not self._over:
             return
         try:
-            self._executed(hold=True)
+            self._executed(lead.stops, hold=True)
         except SjerkError:
             lead.refuse(self._page.browser)
             raise

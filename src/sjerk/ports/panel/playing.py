@@ -79,7 +79,7 @@ class PlayTab:
         for one in (self._joint, self._delta, self._mode):
             one.on_update(lambda _: page.do(self._draw))
         self._start.on_click(lambda _: page.do(self._gone_to_start))
-        self._play.on_click(lambda _: page.do(self._played))
+        page.on_press(self._play, self._played)
         self._cancel.on_click(lambda _: page.do(self._cancelled))
         self._errors.on_click(lambda _: page.do(self._acknowledged))
         self.locked = [self._start, self._play, self._cancel, self._errors]
@@ -145,7 +145,7 @@ class PlayTab:
         self._desk.set_goal(self._page.browser, np.asarray(trajectory.position)[0].tolist())
         self._page.say("the goal is the first point: plan and execute in Plan")
 
-    def _played(self) -> None:
+    def _played(self, stops: int) -> None:
         desk, page = self._desk, self._page
         host = desk.lead.of(page.browser)
         trajectory = self._read()
@@ -159,7 +159,11 @@ class PlayTab:
             resampling_delta=number("delta", self._delta.value, 0.0, 1e6),
             allow_end_velocity=True,
         )
+        desk.lead.check_stops(stops)
         self._goal = executor.submit(trajectory)
+        if desk.lead.stops != stops:  # one came beside it
+            self._goal.cancel()
+            desk.lead.check_stops(stops)
         if self._goal.status is GoalStatus.REJECTED:
             raise SjerkError(f"refused: {self._goal.text}")
         page.say("in motion")
@@ -177,7 +181,7 @@ class PlayTab:
         self._goal.cancel()
 
     def _acknowledged(self) -> None:
-        self._desk.lead.order(self._page.browser, lambda host: host.reset(timeout=1.0))
+        self._desk.lead.reset(self._page.browser)
         self._page.say("errors are acknowledged")
 
     def _end(self) -> None:

@@ -8,9 +8,9 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-from sjerk.ports.panel.desk import number
+from sjerk.ports.panel.desk import number, numbers
 from sjerk.ports.panel.settings import name_of
-from sjerk.ports.panel.shapes import SIZES, Shape
+from sjerk.ports.panel.shapes import FURTHEST, SIZES, Shape
 
 if TYPE_CHECKING:
     from sjerk.ports.panel.page import Page
@@ -62,10 +62,11 @@ class SceneTab:
     def _changed(self) -> None:
         name, kind = name_of(str(self._name.value).strip()), str(self._kind.value)
         n = len(SIZES.get(kind, ()))
+        x, y, z = numbers("place", self._centre.value, "xyz", -FURTHEST, FURTHEST)
         shape = Shape(
             kind,  # type: ignore[arg-type]  # checked there
-            tuple(self._size.value)[:n],
-            tuple(self._centre.value),
+            tuple(numbers("size", self._size.value, "xyz", 0.0, FURTHEST)[:n]),
+            (x, y, z),
             yaw=math.radians(number("yaw", self._yaw.value, -360.0, 360.0)),
             attached=bool(self._attached.value),
         )

@@ -8,6 +8,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import io
+import logging
 import math
 import threading
 import time
@@ -76,10 +77,11 @@ class PanelServer:
         # any browser may ask viser for a public tunnel
         self.server.request_share_url = self._no_tunnel
         self.server.disconnect_share_url = lambda *a, **k: None
+        self._noise = _Refused()
+        logging.getLogger("asyncio").addFilter(self._noise)
         self.board = Board(self.server, self.desk)
         self._pages: dict[int, Page] = {}
         self._building = threading.Lock()
-        self._since: Feedback | None = None
         self._end = threading.Event()
         self.server.on_client_connect(self._came)
         self.server.on_client_disconnect(self._left)
@@ -104,7 +106,14 @@ class PanelServer:
             board = self.board
             for _ in range(_TRIES):
                 try:
-                    page = Page(self.desk, client, role, now=board.now, signals=board.signals)
+                    page = Page(
+                        self.desk,
+                        client,
+                        role,
+                        now=board.now,
+                        signals=board.signals,
+                        timing=board.timing,
+                    )
                 except RuntimeError:  # as in ``run``; or it has left already
                     with suppress(RuntimeError):
                         client.gui.reset()
@@ -150,7 +159,7 @@ class PanelServer:
             self._tell(feedback)
         if now >= due_for["times"] and self._pages:
             due_for["times"] = now + 1.0
-            self.board.times(feedback, self._since)
+            self._each(lambda page: page.timing.show(feedback))
 
     def stop(self) -> None:
         """End ``run``."""
@@ -161,6 +170,7 @@ class PanelServer:
         self._end.set()
         self.desk.close()
         self._stop_server()
+        logging.getLogger("asyncio").removeFilter(self._noise)
         self.watching.close()
 
     def _stop_server(self) -> None:
@@ -179,7 +189,7 @@ class PanelServer:
         try:
             if self.watching.attach() is not None:
                 self.journal.tell("a kernel runs again")
-                self._since = None
+                self._each(lambda page: page.timing.restart())
         except SjerkError as fault:
             self.board.gone(str(fault))
 
@@ -199,6 +209,8 @@ class PanelServer:
 
     def _tell(self, feedback: Feedback) -> None:
         self.journal.events(self.watching.events())
+        if count := self._noise.taken():
+            self.journal.tell("a browser sent what is no value: refused", bad=True, count=count)
         try:
             self.board.tell(feedback, seen=len(self._pages))
         except KernelGoneError:
@@ -209,6 +221,31 @@ class PanelServer:
         for page in list(self._pages.values()):
             with suppress(RuntimeError):
                 work(page)
+
+
+class _Refused(logging.Filter):
+    """What viser could not read of a browser is a line of the events, not pages in the terminal.
+
+    It is told when a task is forgotten, in whatever thread that is and whatever lock that has: it
+    is only counted here.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._count = 0
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        """Whether it is of anything else."""
+        if "_handle_incoming_message" not in record.getMessage():
+            return True
+        self._count += 1
+        return False
+
+    def taken(self) -> int:
+        """How many since the last call."""
+        count = self._count
+        self._count -= count
+        return count
 
 
 def _quiet() -> contextlib.redirect_stdout[io.StringIO]:

@@ -19,10 +19,11 @@ from typing import Any, Self
 from sjerk.errors import ConfigError, InputError, SjerkError, real
 from sjerk.ports.panel.arm import Arm
 from sjerk.ports.panel.shapes import Scene, Shape
+from sjerk.ports.panel.urdf import Visual, read_urdf
 
 #: Names of poses and shapes: they stand in pages and files.
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 _.-]{0,31}")
-_KNOWN = ("dh", "flange", "radius", "floor", "zero", "poses", "shapes")
+_KNOWN = ("dh", "flange", "radius", "urdf", "tip", "floor", "zero", "poses", "shapes")
 _MOST = 64
 
 
@@ -32,6 +33,7 @@ class PanelSettings:
 
     ``zero`` (N,): angle of the model (rad) where the kernel's position is 0. ``poses``: positions
     of all axes by name, as the kernel counts. ``path``: the file; None: it is not to be changed.
+    ``visuals``: what is seen of the arm, where that is not its capsules.
     """
 
     arm: Arm | None
@@ -40,19 +42,38 @@ class PanelSettings:
     scene: Scene
     path: Path | None = None
     names: tuple[str, ...] = field(default=())
+    visuals: tuple[Visual, ...] = field(default=())
 
     @classmethod
-    def of(cls, path: Path, table: Mapping[str, Any], axes: int, *, fixed: bool = False) -> Self:
+    def of(
+        cls,
+        path: Path,
+        table: Mapping[str, Any],
+        axes: int,
+        *,
+        fixed: bool = False,
+        urdf: Path | None = None,
+        tip: str | None = None,
+    ) -> Self:
         """Read the table of a file for so many axes; ``fixed``: the file is not to be changed.
 
-        Raises ConfigError with the place.
+        ``urdf``, ``tip``: the arm is that of a URDF, whatever the table says. Raises ConfigError
+        with the place, UrdfError, ExtraMissingError.
         """
         own = table.get("panel", {})
         read = _Reader(path, own, axes)
         rows = table.get("axes", [])
         names = tuple(str(row.get("name", "")) or f"axis {i}" for i, row in enumerate(rows))
+        visuals: tuple[Visual, ...] = ()
+        if urdf is None:
+            urdf, tip = read.urdf(tip)
+        if urdf is None:
+            arm = read.arm(names)
+        else:
+            arm, visuals = read_urdf(urdf, names, tip=tip)
         return cls(
-            arm=read.arm(names),
+            arm=arm,
+            visuals=visuals,
             zero=read.numbers("zero", own.get("zero", [0.0] * axes)),
             poses=read.poses(),
             scene=read.scene(),
@@ -123,6 +144,19 @@ class _Reader:
         if arm.joints != self.axes:
             raise self._error("dh", arm.joints, f"has this many joints, the kernel {self.axes}")
         return arm
+
+    def urdf(self, tip: str | None) -> tuple[Path | None, str | None]:
+        """The file that the table names, beside its own, and the link that is the flange."""
+        for key in ("urdf", "tip"):
+            if not isinstance(self.own.get(key, ""), str):
+                raise self._error(key, self.own[key], "must be a text")
+        if "urdf" not in self.own:
+            if "tip" in self.own:
+                raise self._error("tip", self.own["tip"], "is of a urdf; of dh it is flange")
+            return None, tip
+        if "dh" in self.own:
+            raise self._error("urdf", self.own["urdf"], "and dh exclude each other")
+        return self.path.parent / self.own["urdf"], tip or self.own.get("tip")
 
     def numbers(self, key: str, values: object) -> tuple[float, ...]:
         if not isinstance(values, list) or len(values) != self.axes:

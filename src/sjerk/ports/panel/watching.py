@@ -46,6 +46,13 @@ class Watching:
                 raise KernelGoneError("no kernel runs")
             return [axis.position for axis in self._monitor.feedback().axes]
 
+    def follow(self) -> bool:
+        """Whether every drive follows its commands; raises KernelGoneError."""
+        with self._lock:
+            if self._monitor is None:
+                raise KernelGoneError("no kernel runs")
+            return all(axis.follows for axis in self._monitor.feedback().axes)
+
     def stop(self, *, quick: bool) -> None:
         """Ask for a stop of all axes, whoever is host, and wait for nothing.
 
