@@ -118,7 +118,7 @@ def test_goals_replace_each_other_and_each_is_told(arm: Arm) -> None:
 @pytest.mark.parametrize("service", ["quick_stop", "halt"])
 def test_the_goal_after_a_stop_runs(arm: Arm, service: str) -> None:
     """The stop answers at rest, the goal under way is aborted, the next one is taken at once."""
-    goal = arm.send([[1.0, 0.0, 0.0]], [8.0])
+    goal = arm.send([[1.0, 0.0, 0.0]], [60.0])
     arm.moves()
     assert rospy.ServiceProxy(f"/arm/{service}", Trigger)().success
     with monitor_of(arm.kernel) as monitor:
@@ -241,7 +241,7 @@ def test_a_signal_in_motion_stops_tells_and_ends(tmp_path: Path, number: int) ->
     name = f"hand{int(number)}"
     with running(tmp_path, "ros1", "controller", "--node-name", name) as program:
         arm = Arm(name, program.kernel)
-        goal = arm.send([[1.0, 0.0, 0.0]], [8.0])
+        goal = arm.send([[1.0, 0.0, 0.0]], [60.0])
         arm.moves()
         program.process.send_signal(number)
         if number == signal.SIGINT:
@@ -260,7 +260,7 @@ def test_a_dead_kernel_is_told(tmp_path: Path) -> None:
         node = subprocess.Popen([*words, "--node-name", "lone"])
         try:
             arm = Arm("lone", kernel)
-            goal = arm.send([[1.0, 0.0, 0.0]], [8.0])
+            goal = arm.send([[1.0, 0.0, 0.0]], [60.0])
             arm.moves()
             process.kill()
             status, code, text = arm.result(goal)
@@ -311,7 +311,7 @@ def test_roslaunch_starts_and_ends_it(tmp_path: Path) -> None:
     )
     try:
         arm = Arm("launched", kernel)
-        goal = arm.send([[1.0, 0.0, 0.0]], [8.0])
+        goal = arm.send([[1.0, 0.0, 0.0]], [60.0])
         arm.moves()
         launch.send_signal(signal.SIGINT)
         assert arm.result(goal)[:2] == (GoalStatus.ABORTED, -1)
