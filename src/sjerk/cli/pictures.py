@@ -85,7 +85,7 @@ def grid(
                 axis.plot(curve.x, curve.y, curve.style, label=label, linewidth=0.9)
             axis.set_ylabel(name)
             axis.grid(alpha=0.3)
-            axis.legend(loc="upper right", fontsize="x-small")
+            axis.legend(loc="upper left", fontsize="x-small")
         axes[-1, column].set_xlabel("time / s")
     figure.suptitle(title)
     figure.savefig(out, dpi=90)
