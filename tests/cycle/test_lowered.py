@@ -135,7 +135,7 @@ def test_no_axis_turns_that_has_room_to_stop(
             bench.run(at % 60)
             bench.host.override(factor)
             bench.run(30)
-            # a motion that no feed can slow in time is held at its goal: it is planned anew from here
+            # what no feed can slow in time is held at its goal, and planned anew from here
             room = [a and b for a, b in zip(room, bench.room(limits, ways), strict=True)]
             bench.host.resume()
         case "twice":

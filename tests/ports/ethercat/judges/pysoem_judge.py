@@ -112,6 +112,11 @@ def no_such_transition(state: int, code: int) -> None:
     assert drive.state_check(pysoem.PREOP_STATE, PATIENCE_US) == pysoem.PREOP_STATE
 
 
+def without_power(drive: object) -> bool:
+    """Switch on disabled, or fault behind its reaction: a motor on its ramp keeps its period."""
+    return struct.unpack("<H", drive.sdo_read(0x6041, 0))[0] & 0x4F in (0x40, 0x08)
+
+
 def setup(drive: object) -> None:
     """Remap: a PDO without velocity offset comes and goes; the default in the end."""
     rx = (0x60400010, 0x60600008, 0x00000008, 0x607A0020, 0x60B10020, 0x60B20010)
@@ -123,6 +128,10 @@ def setup(drive: object) -> None:
     drive.sdo_write(0x1C12, 1, struct.pack("<H", 0x1600))
     drive.sdo_write(0x1C12, 0, b"\1")
     drive.sdo_write(0x1C32, 2, struct.pack("<I", PERIOD_NS))
+    end = time.monotonic() + PATIENCE_US * 1e-6
+    while not without_power(drive):
+        assert time.monotonic() < end
+        time.sleep(0.001)
     drive.sdo_write(0x60C2, 1, b"\x0a")
 
 
