@@ -105,7 +105,7 @@ def test_windows_and_chunks_are_followed(tmp_path: Path, client: Client, mode: s
         if mode == "track":
             assert abs(found["lag"]) <= 0.02 + stood.longest
             assert found["ripple"] <= 0.05 + 10.0 * slack
-        elif stood.longest < 0.2:  # the stream is further behind than that
+        elif stood.longest < 0.02:  # a stream that makes up for lost time has more
             assert found["acceleration"] <= 1.2
 
 
