@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import time
 from collections.abc import Iterator
 from typing import Any
@@ -9,7 +10,7 @@ from typing import Any
 import pytest
 from playwright.sync_api import Browser
 
-from helpers.panel_client import Client, PanelProcess, panel
+from helpers.panel_client import Client, PanelProcess, panel, until
 from helpers.panel_page import PROGRAM, Seen, chromium
 
 needs_browser = pytest.mark.skipif(not PROGRAM, reason="no chromium, and none by apt")
@@ -45,6 +46,45 @@ def test_what_is_pressed_as_soon_as_it_is_there_is_answered(running: PanelProces
         viewer = Client(running.view)
         viewer.told("leads: <b>nobody</b>")
         viewer.close()
+
+
+@pytest.fixture
+def leader(running: PanelProcess) -> Iterator[Client]:
+    """A page without a browser, which leads; the scene is as it was before."""
+    client = Client(running.lead)
+    client.told("leads: <b>nobody</b>")
+    client.order("Take the lead", "this browser leads")
+    yield client
+    client.close()
+
+
+def test_what_follows_a_choice_is_done_before_what_is_typed_next(leader: Client) -> None:
+    """A shape is chosen, and fills the fields; a name typed after it is the one that is added."""
+    known = leader.props[leader.find("Shape")]["options"]
+    chosen = itertools.cycle(known)
+    for number in range(30):
+        name = f"next {number}"
+        leader.set("Shape", next(chosen))
+        leader.set("Name", name, nth=1)
+        leader.order("Add or change", " is in the scene")
+        assert leader.said == f"{name} is in the scene"
+        leader.set("Shape", next(chosen))
+        leader.set("Name", name, nth=1)
+        leader.order("Remove", " is removed")
+        assert leader.said == f"{name} is removed"
+
+
+def test_sliders_go_along_with_the_goal(leader: Client) -> None:
+    """By a pose, and by what other tabs make the goal; so the next drag moves one joint only."""
+
+    def at() -> float:
+        return float(leader.props[leader.find("panda_joint1")]["value"])
+
+    leader.set("Pose", "left")
+    leader.set("To goal", "Set goal")
+    until(lambda: at() == 0.9, "the pose")
+    leader.order("To its first point", "the goal is the path's first point")
+    until(lambda: at() == 0.0, "the first point")
 
 
 ADDED = """([name, place, button]) => {

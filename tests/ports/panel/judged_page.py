@@ -231,7 +231,7 @@ def test_a_jog_ends_with_its_hand(
         sign = "−" if number % 2 else "+"
         seen.hold(f"panda_joint1 {sign}", lambda: monitor.feedback().moving, f"moves: {case}")
         if case == "released":
-            seen.picture("jog")
+            seen.picture("jog", held=True)
             seen.page.mouse.up()
         elif case == "closed":
             seen.page.close()

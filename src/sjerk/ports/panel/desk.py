@@ -211,6 +211,7 @@ class Desk:
         names = ("velocity", "acceleration", "jerk")
         v, a, j = (number(n, s, 0.01, 1.0) for n, s in zip(names, scale, strict=True))
         with self._planning:
+            self.lead.of(browser)  # it may have left while others planned
             scene, clear = self.scene, self.clear
             self.proposal, self.preview = None, False
             made = plan(
