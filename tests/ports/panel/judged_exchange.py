@@ -83,7 +83,7 @@ def test_sliders_go_along_with_the_goal(leader: Client) -> None:
     leader.set("Pose", "left")
     leader.set("To goal", "Set goal")
     until(lambda: at() == 0.9, "the pose")
-    leader.order("To its first point", "the goal is the path's first point")
+    leader.order("To its first point", "first point: plan and execute")
     until(lambda: at() == 0.0, "the first point")
 
 
