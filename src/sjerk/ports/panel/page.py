@@ -89,7 +89,9 @@ class Page:
         self.take.on_click(lambda _: self.do(self._toggle))
 
         async def powered(_: Any) -> None:
-            self._later(self._power, self.desk.lead.stops, str(self.power.value))
+            stops, word = self.desk.lead.stops, str(self.power.value)
+            with suppress(RuntimeError):  # the panel ends
+                self.desk.workers.submit(self.do, lambda: self._power(stops, word))
 
         self.power.on_click(powered)
         group = gui.add_tab_group(order=0.4)
@@ -132,20 +134,20 @@ class Page:
 
         (handle.on_click if hasattr(handle, "on_click") else handle.on_update)(came)
 
-    def on_press(self, button: Any, work: Callable[[int], object]) -> None:
+    def on_press(self, button: Any, work: Callable[[int], object], *, plans: bool = False) -> None:
         """A button that moves something: ``work`` gets the number of stops when it was pressed.
 
         So that nothing begins to move after a stop that was pressed later, however long it waits.
+        ``plans``: it waits for the plans that were ordered before.
         """
+        pool = self.desk.planner if plans else self.desk.workers
 
         async def pressed(_: Any) -> None:
-            self._later(work, self.desk.lead.stops)
+            stops = self.desk.lead.stops
+            with suppress(RuntimeError):  # the panel ends
+                pool.submit(self.do, lambda: work(stops))
 
         button.on_click(pressed)
-
-    def _later(self, work: Callable[..., object], *given: object) -> None:
-        with suppress(RuntimeError):  # the panel ends
-            self.desk.workers.submit(self.do, lambda: work(*given))
 
     def say(self, text: str, *, bad: bool = False) -> None:
         """One line under the buttons."""

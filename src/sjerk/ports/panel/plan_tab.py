@@ -78,9 +78,9 @@ class PlanTab:
         self._speed = gui.add_slider("Speed now", min=0.0, max=2.0, step=0.01, initial_value=1.0)
         page.on_input(self._go, self._posed)
         self._keep.on_click(lambda _: page.do(self._kept))
-        self._plan.on_click(lambda _: page.do(self._planned))
+        page.on_press(self._plan, lambda _: self._planned(), plans=True)
         page.on_press(self._run, self._executed)
-        page.on_press(self._both, self._planned_and_executed)
+        page.on_press(self._both, self._planned_and_executed, plans=True)
         page.on_input(self._speed, self._sped)
 
         async def held(_: Any) -> None:

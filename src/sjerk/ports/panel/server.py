@@ -13,6 +13,7 @@ import math
 import threading
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -82,6 +83,7 @@ class PanelServer:
         self._pages: dict[int, Page] = {}
         self._gone: set[int] = set()  # browsers that have left before their page was made
         self._coming, self._building = threading.Lock(), threading.Lock()
+        self._leaving = ThreadPoolExecutor(4, thread_name_prefix="leaving")
         self._end = threading.Event()
         self.server.on_client_connect(self._came)
         self.server.on_client_disconnect(self._left)
@@ -117,7 +119,11 @@ class PanelServer:
             else:
                 self._pages[browser] = page
 
-    def _left(self, client: Any) -> None:
+    async def _left(self, client: Any) -> None:
+        # in threads that nothing else has: what it started ends, whatever is waited for elsewhere
+        await asyncio.get_running_loop().run_in_executor(self._leaving, self._close, client)
+
+    def _close(self, client: Any) -> None:
         browser: int = client.client_id
         with self._coming:
             if self._pages.pop(browser, None) is None:
@@ -168,6 +174,7 @@ class PanelServer:
         self._end.set()
         self.desk.close()
         self._stop_server()
+        self._leaving.shutdown(wait=False)
         logging.getLogger("asyncio").removeFilter(self._noise)
         self.watching.close()
 
