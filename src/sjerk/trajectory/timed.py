@@ -13,18 +13,18 @@ from sjerk.errors import PlanError
 from sjerk.planner import plan
 from sjerk.profile import FloatArray, Limits, State
 from sjerk.trajectory.fastest import (
-    NONE,
     at_pace,
+    evenly,
     fastest,
     feasible,
-    first_answer,
     in_cycles,
+    in_time,
     places,
     resolution,
 )
 from sjerk.trajectory.parameterization import gaps_between, stops_between
 from sjerk.trajectory.programme import Answer, Task
-from sjerk.trajectory.spline import IntArray, Knots, among, going_on, split
+from sjerk.trajectory.spline import IntArray, Knots, among, going_on, scaled, split
 from sjerk.trajectory.window import KEPT, Plan, Window, stop_of, units
 
 #: Fewest segments of a motion from rest to rest, and of one at all.
@@ -38,6 +38,8 @@ _KNOWN = 240.0
 _LOST = 1e3
 #: A stretch for which finer knots are worth trying.
 _NEARLY = 0.05
+#: A uniform stretch that leaves too little to gain by another.
+_LITTLE = 0.005
 #: Slowed each by itself way-points are no start where they take more than this share of stopping.
 _MUCH = 0.4
 #: Where ten times the tolerance saves more than this share of a uniform stretch, it is noise.
@@ -75,8 +77,11 @@ class Timed:
             length = max(int(np.ceil(total - 1e-6)) - 1, _FEWEST)
         else:
             length = max(int(np.ceil(asked[-1] + 1.5 * self._stop)), _FEWEST)
-        knots, answer = self._own_time(task, asked, window.left, length, 1.0) or self._later(
-            task, asked, window, length
+        self._order = list(range(len(task.unit)))
+        knots, answer = (
+            self._own_time(task, asked, window.left, length, 1.0)
+            or self._nearly(task, asked, window.left, length)
+            or self._later(task, asked, window, length)
         )
         moments, due = answer.moments + 0.5, asked + 0.5
         if ends:
@@ -120,14 +125,42 @@ class Timed:
     ) -> tuple[Knots, Answer] | None:
         """All way-points at their moments, ``late`` by so much, within the tolerance."""
         knots = self._knots(left, length, finer)
-        answer = first_answer(task, knots, asked + late, 1.0)
-        made = at_pace(task, knots, answer, NONE, most=1.0)
-        return None if made is None or made.excess > 1.0 else (knots, made)
+        made = in_time(task, knots, asked + late, self._order)
+        return None if made is None else (knots, made)
+
+    def _nearly(
+        self, task: Task, asked: FloatArray, left: IntArray, length: int
+    ) -> tuple[Knots, Answer] | None:
+        """Where the times nearly keep the limits: with finer knots, or all slowed alike."""
+        knots = self._knots(left, length, 1.0)
+        pace = evenly(task, knots, asked, 1.0 + _NEARLY, self._order)
+        if pace is None and len(asked) <= len(knots):
+            return None
+        done: set[tuple[float, int]] = set()
+        for finer, more in _LADDER:
+            late = more if task.end is not None else 0
+            if (finer, late) in done or finer > 2.0 * float(knots.lengths.mean()):
+                continue
+            done.add((finer, late))
+            exact = self._own_time(task, asked, left, length + late, finer, 0.5 * late)
+            if exact is not None:
+                return exact
+        knots = self._knots(left, length, _LADDER[-1][0])
+        pace = evenly(task, knots, asked, 1.0 + _LITTLE, self._order)
+        if pace is None:
+            return None
+        least = int(np.ceil(pace * length - 1e-6))
+        for cycles in range(least, least + 3):
+            final = Knots(scaled(knots, cycles))
+            made = in_time(task, final, asked * (cycles / length), self._order)
+            if made is not None:
+                return final, made
+        return None
 
     def _later(
         self, task: Task, asked: FloatArray, window: Window, length: int
     ) -> tuple[Knots, Answer]:
-        """Nearly in time, with finer knots; else the fastest, never faster than asked."""
+        """The fastest, never faster than asked."""
         rows = [0.0 * task.start[:1], task.points]
         rows += [] if task.end is None else [task.end[None]]
         way = np.concatenate(rows)
@@ -138,9 +171,7 @@ class Timed:
         if window.state.moving and not len(window.begun) and task.end is not None:
             best = self._entering(task, asked, window, way)
         elif self._passes(task, way, gaps, dense):
-            exact, best = self._smooth(task, asked, window, length, way)
-            if exact is not None:
-                return exact
+            best = self._smooth(task, asked, window, length, way)
         slow = best is None or best[1].duration > stops[-1] + self._tail(task)
         if best is None or (not dense and (best[0] > 1.0 or slow)):
             made = self._finished(task, asked, self._exact(task, stops, window.left))
@@ -158,21 +189,13 @@ class Timed:
 
     def _smooth(
         self, task: Task, asked: FloatArray, window: Window, length: int, way: FloatArray
-    ) -> tuple[tuple[Knots, Answer] | None, tuple[float, Knots, Answer] | None]:
-        """Where the times asked are a start: a motion in them, with finer knots; or a later one."""
+    ) -> tuple[float, Knots, Answer] | None:
+        """Where the times asked are a start, or these slowed each by itself."""
         assert task.least is not None
         left = window.left
         share = 1.0 if task.end is None else length / float(task.least.sum())
         moments = np.maximum((asked + 0.5) * share, 1e-3)
         start = self._start(task, moments, left, length)
-        if start.answer is None or start.answer.pace < 1.0 + _NEARLY:
-            for finer, more in _LADDER:
-                late = more if task.end is not None else 0
-                if finer > 2.0 * float(start.knots.lengths.mean()):
-                    continue
-                exact = self._own_time(task, asked, left, length + late, finer, 0.5 * late)
-                if exact is not None:
-                    return exact, None
         best: tuple[float, Knots, Answer] | None = None
         if start.answer is not None and start.answer.pace <= 1.0 + _NEARLY:
             best = self._finished(task, asked, start)
@@ -190,7 +213,7 @@ class Timed:
                 best = made
             if best is not None and best[0] <= 1.0:
                 break
-        return None, best
+        return best
 
     def _entering(
         self, task: Task, asked: FloatArray, window: Window, way: FloatArray
