@@ -115,44 +115,39 @@ class Timed:
         return Knots(lengths)
 
     def _own_time(
-        self,
-        task: Task,
-        asked: FloatArray,
-        left: IntArray,
-        length: int,
-        finer: float,
-        late: float = 0.0,
+        self, task: Task, asked: FloatArray, left: IntArray, length: int, finer: float
     ) -> tuple[Knots, Answer] | None:
-        """All way-points at their moments, ``late`` by so much, within the tolerance."""
+        """All way-points at these moments, within the tolerance."""
         knots = self._knots(left, length, finer)
-        made = in_time(task, knots, asked + late, self._order)
+        made = in_time(task, knots, asked, self._order)
         return None if made is None else (knots, made)
 
     def _nearly(
         self, task: Task, asked: FloatArray, left: IntArray, length: int
     ) -> tuple[Knots, Answer] | None:
         """Where the times nearly keep the limits: with finer knots, or all slowed alike."""
-        knots = self._knots(left, length, 1.0)
-        pace = evenly(task, knots, asked, 1.0 + _NEARLY, self._order)
+        # a sample lags behind the plan by half a cycle: of so much more at once, or by and by
+        half = 0.5 * asked / length if task.start[1:].any() else np.full(len(asked), 0.5)
+        later, longer = asked + half, length + 1
+        knots = self._knots(left, longer, 1.0)
+        pace = evenly(task, knots, later, 1.0 + _NEARLY, self._order)
         if pace is None and len(asked) <= len(knots):
             return None
-        done: set[tuple[float, int]] = set()
-        for finer, more in _LADDER:
-            late = more if task.end is not None else 0
-            if (finer, late) in done or finer > 2.0 * float(knots.lengths.mean()):
-                continue
-            done.add((finer, late))
-            exact = self._own_time(task, asked, left, length + late, finer, 0.5 * late)
-            if exact is not None:
-                return exact
-        knots = self._knots(left, length, _LADDER[-1][0])
-        pace = evenly(task, knots, asked, 1.0 + _LITTLE, self._order)
+        for finer, late in _LADDER:
+            if finer <= 2.0 * float(knots.lengths.mean()):
+                exact = self._own_time(
+                    task, asked + late * half, left, length + late, finer
+                )
+                if exact is not None:
+                    return exact
+        knots = self._knots(left, longer, _LADDER[-1][0])
+        pace = evenly(task, knots, later, 1.0 + _LITTLE, self._order)
         if pace is None:
             return None
-        least = int(np.ceil(pace * length - 1e-6))
+        least = int(np.ceil(pace * longer - 1e-6))
         for cycles in range(least, least + 3):
             final = Knots(scaled(knots, cycles))
-            made = in_time(task, final, asked * (cycles / length), self._order)
+            made = in_time(task, final, later * (cycles / longer), self._order)
             if made is not None:
                 return final, made
         return None
