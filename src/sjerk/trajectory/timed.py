@@ -40,6 +40,8 @@ _LOST = 1e3
 _NEARLY = 0.05
 #: A uniform stretch that leaves too little to gain by another.
 _LITTLE = 0.005
+#: A uniform stretch that is not looked for.
+_EVENLY = 3.0
 #: Slowed each by itself way-points are no start where they take more than this share of stopping.
 _MUCH = 0.4
 #: Where ten times the tolerance saves more than this share of a uniform stretch, it is noise.
@@ -80,8 +82,7 @@ class Timed:
         self._order = list(range(len(task.unit)))
         knots, answer = (
             self._own_time(task, asked, window.left, length, 1.0)
-            or self._nearly(task, asked, window.left, length)
-            or self._later(task, asked, window, length)
+            or self._best(task, asked, window, length)
         )
         moments, due = answer.moments + 0.5, asked + 0.5
         if ends:
@@ -124,33 +125,47 @@ class Timed:
 
     def _nearly(
         self, task: Task, asked: FloatArray, left: IntArray, length: int
-    ) -> tuple[Knots, Answer] | None:
-        """Where the times nearly keep the limits: with finer knots, or all slowed alike."""
+    ) -> tuple[float, Knots, Answer] | None:
+        """With finer knots, or all slowed alike; first, the share of it that is stretch."""
         # a sample lags behind the plan by half a cycle: of so much more at once, or by and by
         half = 0.5 * asked / length if task.start[1:].any() else np.full(len(asked), 0.5)
         later, longer = asked + half, length + 1
         knots = self._knots(left, longer, 1.0)
-        pace = evenly(task, knots, later, 1.0 + _NEARLY, self._order)
+        pace = evenly(task, knots, later, _EVENLY, self._order)
         if pace is None and len(asked) <= len(knots):
             return None
-        for finer, late in _LADDER:
+        for finer, late in _LADDER if pace is None or pace <= 1.0 + _NEARLY else ():
             if finer <= 2.0 * float(knots.lengths.mean()):
-                exact = self._own_time(
-                    task, asked + late * half, left, length + late, finer
-                )
+                exact = self._own_time(task, asked + late * half, left, length + late, finer)
                 if exact is not None:
-                    return exact
-        knots = self._knots(left, longer, _LADDER[-1][0])
-        pace = evenly(task, knots, later, 1.0 + _LITTLE, self._order)
-        if pace is None:
-            return None
-        least = int(np.ceil(pace * longer - 1e-6))
-        for cycles in range(least, least + 3):
-            final = Knots(scaled(knots, cycles))
-            made = in_time(task, final, later * (cycles / longer), self._order)
-            if made is not None:
-                return final, made
+                    return 0.0, *exact
+        fine = self._knots(left, longer, _LADDER[-1][0])
+        for own in (fine, knots):
+            pace = evenly(task, own, later, _EVENLY, self._order)
+            least = longer if pace is None else int(np.ceil(pace * longer - 1e-6))
+            for cycles in range(least, least + 3) if pace is not None else ():
+                final = Knots(scaled(own, cycles))
+                made = in_time(task, final, later * (cycles / longer), self._order)
+                if made is not None:
+                    return cycles / longer - 1.0, final, made
         return None
+
+    def _best(
+        self, task: Task, asked: FloatArray, window: Window, length: int
+    ) -> tuple[Knots, Answer]:
+        """All slowed alike, if that costs little or is the soonest; else moments of their own."""
+        even = self._nearly(task, asked, window.left, length)
+        if even is not None and even[0] <= _LITTLE:
+            return even[1:]
+        try:
+            own = self._later(task, asked, window, length)
+        except PlanError:
+            if even is None:
+                raise
+            return even[1:]
+        if even is None or _arrival(task, *own) <= _arrival(task, *even[1:]):
+            return own
+        return even[1:]
 
     def _later(
         self, task: Task, asked: FloatArray, window: Window, length: int
@@ -364,6 +379,11 @@ class _Start:
     @property
     def length(self) -> float:
         return np.inf if self.answer is None else self.answer.pace * self.knots.duration
+
+
+def _arrival(task: Task, knots: Knots, answer: Answer) -> float:
+    """When the last way-point is reached."""
+    return knots.duration if task.end is not None else float(answer.moments[-1])
 
 
 def _between(
