@@ -102,13 +102,22 @@ def turning(rng: np.random.Generator) -> Told:
         for one, x in zip(free, path.T, strict=True)
     ]
     stops = sum(motion.cycles + 1 for motion in follow_stops(path, limits, T))
+    width = 0.01 * float(np.linalg.norm(np.ptp(path, axis=0)))
     held, other = list(follow_path(path, limits, T)), list(follow_path(path, free, T))
+    near = list(follow_path(path, limits, T, tolerance=0.01 * np.ptp(path, axis=0)))
+    inside = list(follow_path(path, limits, T, corridor=width))
+    every = (held, near, inside)
     return {
-        "limits": judged(held, limits),
-        "slower than stops": float(cycles(held) > stops),
+        "limits": max(judged(blocks, limits) for blocks in every),
+        "slower than stops": float(max(map(cycles, every)) > stops),
+        "slower with a tolerance": float(cycles(near) > 1.002 * cycles(held)),
+        "outside": float(from_lines(recording(inside)[0], path) > width * (1.0 + 1e-9)),
         "far": float(largest(held) > 1e-6 * np.ptp(path)),
         "with limits / without": cycles(held) / cycles(other),
+        "near / exact": cycles(near) / cycles(held),
+        "corridor / stops": cycles(inside) / stops,
         "answered by stops": float(_by_stops(held)),
+        "corridor answered by stops": float(_by_stops(inside)),
     }
 
 

@@ -161,6 +161,22 @@ def test_turning_on_a_position_limit_costs_nothing(limits: tuple[float, float, f
     assert cycles(blocks) <= 1.015 * cycles(whole(path, [free])[0])
 
 
+@pytest.mark.parametrize("seed", [1, 5, 11])
+@pytest.mark.parametrize("how", [{}, {"tolerance": 0.01}, {"corridor": 0.02}])
+def test_ways_turn_on_their_position_limits(seed: int, how: dict[str, float]) -> None:
+    """Each joint's range is that of its way-points: inside it, and faster than stopping there."""
+    rng = np.random.default_rng(seed)
+    path = rng.normal(size=(5, 2))
+    limits = [
+        Limits(*rng.uniform((1.0, 2.0, 10.0), (3.0, 8.0, 60.0)), position=(x.min(), x.max()))
+        for x in path.T
+    ]
+    blocks, position = whole(path, limits, **how)
+    assert (position >= path.min(axis=0) - 1e-9).all()
+    assert (position <= path.max(axis=0) + 1e-9).all()
+    assert cycles(blocks) < 0.99 * stops(path, limits)
+
+
 @pytest.mark.parametrize("lost", [0, 1])
 def test_where_no_motion_is_found_it_stops_and_goes_on(
     lost: int, monkeypatch: pytest.MonkeyPatch

@@ -43,8 +43,8 @@ def nearest(task: Task, knots: Knots, answer: Answer) -> FloatArray:
             (gap * rate).sum(axis=1) / np.maximum(square, 1e-300), -reach, reach
         )
         new = np.where(square > 1e-12 * square.max(initial=0.0), new, moments)
-        if task.held is not None:
-            new = np.where(task.held > 0.0, moments, new)
+        if task.turns is not None:  # as they turn
+            new = np.where(task.turns.any(axis=1), moments, new)
         if (
             len(new) == 0
             or new[0] <= 0.0
@@ -192,9 +192,6 @@ def whole(
         cycles = max(int(np.ceil(length - 1e-6)) + more, len(knots))
         own = Knots(scaled(knots, cycles))
         answer = Answer(best.control, best.moments * (cycles / knots.duration), 1.0, 0.0)
-        if task.held is not None:  # still on their knots
-            knot = own.time[np.argmin(np.abs(knots.time - best.moments[:, None]), axis=1)]
-            answer = replace(answer, moments=np.where(task.held > 0.0, knot, answer.moments))
         for _ in range(3):
             made = settle(task, own, answer, keep, 6)
             if made is None:
@@ -260,9 +257,7 @@ def at_pace(
     return replace(answer, control=control, excess=excess)
 
 
-def in_time(
-    task: Task, knots: Knots, moments: FloatArray, order: list[int]
-) -> Answer | None:
+def in_time(task: Task, knots: Knots, moments: FloatArray, order: list[int]) -> Answer | None:
     """Control points at pace 1 within the tolerance, and exact where that is quickly found.
 
     Joint by joint, which are separate where the moments stay, in this ``order``; None: one has

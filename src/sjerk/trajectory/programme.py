@@ -36,6 +36,8 @@ _SMOOTH, _NEAR = 1e-6, 1e-4
 _ROOM = 2e-9
 #: The same for positions, of a joint's way.
 _INSIDE = 6e-10
+#: What a velocity at a turn may be, of a joint's way per segment: its square is below _INSIDE.
+_TURN = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,8 +48,7 @@ class Task:
     velocity, acceleration at the first knot; ``end`` (J,): rest at the last, or None: rest
     anywhere; ``box`` (J, 2): positions allowed, or None; ``least`` (n + 1,): cycles asked from
     way-point to way-point, from the start to the end, or None: order only; ``speed`` (n, J):
-    velocities wished;
-    ``held`` (n,): 1 for way-points whose moments stay, on a knot; else 0.
+    velocities wished; ``turns`` (n, J): where a joint is on a position limit, and turns, or None.
     """
 
     limits: FloatArray
@@ -58,7 +59,7 @@ class Task:
     box: FloatArray | None = None
     least: FloatArray | None = None
     speed: FloatArray | None = None
-    held: FloatArray | None = None
+    turns: NDArray[np.bool_] | None = None
     scale: FloatArray = field(init=False)
 
     def __post_init__(self) -> None:
@@ -79,6 +80,7 @@ class Task:
             end=None if self.end is None else self.end[one],
             box=None if self.box is None else self.box[one],
             speed=None if self.speed is None else self.speed[:, one],
+            turns=None if self.turns is None else self.turns[:, one],
         )
 
 
@@ -235,10 +237,13 @@ class Programme:
         weight: float = 0.0,
         target: FloatArray | float = 0.0,
         rate: FloatArray | None = None,
+        of: IntArray | None = None,
+        wanted: NDArray[np.bool_] | None = None,
     ) -> None:
         """Stencils (m, w) from control points ``first`` (m,), times ``unit`` (J,), of all joints.
 
-        ``rate`` (m, J): how a row moves with the moment of its way-point.
+        ``rate`` (m, J): how a row moves with the moment of its way-point, one of each or those
+        ``of`` (m,). ``wanted`` (m, J): the rows that are used.
         """
         (m, w), J = stencil.shape, len(unit)
         i = first[:, None] + np.arange(w)
@@ -247,7 +252,7 @@ class Programme:
         free = at >= 0
         rise: FloatArray | float = 0.0
         constant = np.zeros(m * J)
-        keep = np.ones(m * J, dtype=bool)
+        keep = np.ones(m * J, dtype=bool) if wanted is None else wanted.reshape(-1).copy()
         wrong = np.flatnonzero(~free.all(axis=1))
         if len(wrong):
             some, off = value[wrong], ~free[wrong]
@@ -274,7 +279,7 @@ class Programme:
                 value[:, k] = np.where(same, 0.0, value[:, k])
         if rate is not None:
             assert self._moment is not None
-            moment = np.repeat(self._moment[self._own], J)
+            moment = np.repeat(self._moment[self._own if of is None else self._own[of]], J)
             none = (value == 0.0).all(axis=1)
             at[none] = moment[none, None]
             at = np.concatenate([at, moment[:, None]], axis=1)
@@ -327,20 +332,39 @@ class Programme:
         self._unit = unit
 
     def _positions(self) -> None:
-        """Bezier points of the commanded q = P + 5/24 A inside, beside each knot and at it."""
-        task, knots = self._task, self._knots
+        """Bezier points of the commanded q = P + 5/24 A inside, beside each knot and at it.
+
+        A joint that turns on a limit has a velocity of 0 there. A cubic with its turn on the limit
+        is inside the limit between two knots if it is so at both.
+        """
+        task, knots, before = self._task, self._knots, self._before
         if task.box is None:
             return
         r = knots.lengths[:, None] / 3.0
         low, high = (task.box.T - self._origin) / task.scale + [[_INSIDE], [-_INSIDE]]
         one, first = np.ones(len(task.unit)), np.arange(len(knots))
-        half = HALF_CYCLE / self._before.pace**2
+        half = HALF_CYCLE / before.pace**2
         place, speed = knots.position + half * knots.acceleration, knots.velocity
         right, left = half * r * knots.jerk, -half * r * knots.jerk
         right[:, :3] += place[:-1] + r * speed[:-1]
         left[:, 1:] += place[1:] - r * speed[1:]
-        self._stencil(right, first, one, low, high)
-        self._stencil(left, first, one, low, high)
+        straight = np.ones((len(knots), len(one)), dtype=bool)
+        if task.turns is not None:
+            turn = np.flatnonzero(task.turns.any(axis=1))
+            segment, wanted = self._segment[turn], task.turns[turn]
+            np.logical_and.at(straight, segment, ~wanted)
+            at, gap = self._p[turn] + half * self._a[turn], knots.lengths[segment, None]
+            slope = gap * (self._v[turn] + half * knots.jerk[segment])
+            there = rate = None
+            if self._moment is not None:
+                there, rate = (
+                    take(x, segment, before.control) / task.scale
+                    for x in (self._v[turn], gap * self._a[turn])
+                )
+            self._stencil(slope, segment, one, -_TURN, _TURN, rate=rate, of=turn, wanted=wanted)
+            self._stencil(at, segment, one, low, high, rate=there, of=turn, wanted=wanted)
+        self._stencil(right, first, one, low, high, wanted=straight)
+        self._stencil(left, first, one, low, high, wanted=straight)
         self._stencil(place, np.arange(len(place)), one, low, high)
 
     # ---- the answer
@@ -379,8 +403,6 @@ class Programme:
             assert reach is not None
             mean = float(self._knots.lengths.mean())
             most = reach / mean
-            if task.held is not None:
-                most = np.where(task.held > 0.0, 1e-9, most)
             own = self._moment[self._own][:, None]
             self._rows(own, np.full((n, 1), 1.0 / mean), -most, most)
         if self._paced:

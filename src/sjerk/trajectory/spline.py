@@ -246,18 +246,3 @@ def going_on(left: IntArray, cycles: int, most: float) -> IntArray:
     kept = left[: int(np.searchsorted(ends, cycles, side="right"))]
     rest = cycles - int(kept.sum())
     return kept if rest == 0 else np.concatenate([kept, even(rest, most)])
-
-
-def through(lengths: IntArray, marks: FloatArray) -> IntArray:
-    """The same segments with the knot next to each mark (cycles) moved there, to a whole cycle.
-
-    >>> through(np.array([10, 10, 10]), np.array([12.0])).tolist()
-    [12, 8, 10]
-    """
-    bounds = np.concatenate([[0], np.cumsum(lengths)])
-    for mark in np.rint(marks).astype(np.int64).tolist():
-        i = 1 + int(np.argmin(np.abs(bounds[1:-1] - mark))) if len(bounds) > 2 else 0
-        if i > 0 and bounds[i - 1] < mark < bounds[i + 1]:
-            bounds[i] = mark
-    made: IntArray = np.diff(bounds)
-    return made

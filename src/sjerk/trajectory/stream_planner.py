@@ -32,7 +32,7 @@ _DENSE = 1e-3
 #: Cycles by which the last goal is passed late, so that being sooner counts.
 _LAG = 1.0
 #: Noise is seen in a few goals only: what one may be off by at most, and how it fades per knot.
-_DOUBT, _FADES = 3.0, 0.9
+_DOUBT, _FADES = 3.0, 0.95
 #: Of the way a source needs to stop, by differences of its goals.
 _SURE = 0.98
 #: Differences of control points below this share of a knot's way at full velocity are none.

@@ -80,9 +80,8 @@ class Timed:
         else:
             length = max(int(np.ceil(asked[-1] + 1.5 * self._stop)), _FEWEST)
         self._order = list(range(len(task.unit)))
-        knots, answer = (
-            self._own_time(task, asked, window.left, length, 1.0)
-            or self._best(task, asked, window, length)
+        knots, answer = self._own_time(task, asked, window.left, length, 1.0) or self._best(
+            task, asked, window, length
         )
         moments, due = answer.moments + 0.5, asked + 0.5
         if ends:

@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from sjerk.errors import InputError, PlanError, positive
 from sjerk.limits import limits_of_each
@@ -23,7 +23,7 @@ from sjerk.trajectory.joining import stops_of
 from sjerk.trajectory.parameterization import moments_of, stops_between
 from sjerk.trajectory.programme import Answer, Task
 from sjerk.trajectory.segments import Followed, IntArray, Knot, in_blocks
-from sjerk.trajectory.spline import Knots, among, through
+from sjerk.trajectory.spline import Knots, among
 from sjerk.trajectory.stretching import limits_per_cycle
 from sjerk.trajectory.window import (
     HAND_OUT,
@@ -256,19 +256,18 @@ class Untimed:
         stops = np.cumsum(gaps)
         if self._corridor is None:
             passes, stops = window.going_on(passes), window.going_on(stops)
-        held = _on_limits(task)
+        task = replace(task, turns=_on_limits(task))
         found: list[_Start] = []
         for moments, least in ((passes, _PASSING), (stops, _STOPPING)):
             if found and self._corridor is not None:  # points on lines are no stops
                 break
-            start = self._begun(task, keep, moments, window.left, least, held)
-            found += [] if start is None else [start]
+            found += self._begun(task, keep, moments, window.left, least)
         best: tuple[Knots, Answer] | None = None
         for begun in sorted(found, key=lambda x: x.length):
             if best is not None and best[0].duration <= begun.length / _HOPE:
                 continue
-            own, knots, share = begun.task, begun.knots, begun.keep
-            made = in_cycles(own, knots, fastest(own, knots, begun.answer, share), share)
+            knots, share = begun.knots, begun.keep
+            made = in_cycles(task, knots, fastest(task, knots, begun.answer, share), share)
             if made is not None and (best is None or made[0].duration < best[0].duration):
                 best = made
         if best is None:
@@ -282,35 +281,38 @@ class Untimed:
         moments: FloatArray,
         left: IntArray,
         least: float,
-        held: FloatArray | None,
-    ) -> _Start | None:
-        """A motion with about these moments, to begin with; None: there is none."""
+    ) -> list[_Start]:
+        """Motions with about these moments, to begin with."""
         length = max(16, int(np.ceil(moments[-1])))
         begun = np.minimum(moments[:-1], length - 1e-3)
         knots = Knots(among(begun, left, length, self._spacing, KEPT * self._stop, least))
         share: FloatArray = np.atleast_1d(
             np.maximum(keep, resolution(task, knots, begun, keep))
         ).astype(np.float64)
-        free = task if held is None else replace(task, box=None)
-        task = replace(task, held=held)
+        found = [self._at_any_pace(task, knots, begun, share)]
+        if task.turns is not None:  # and as they would be passed without position limits
+            free = replace(task, box=None, turns=None)
+            other = self._at_any_pace(free, knots, begun, share)
+            if other is not None:
+                other = fastest(free, knots, other, share)
+                found.append(feasible(task, knots, other.moments, other.pace, share))
+        return [_Start(knots, share, answer) for answer in found if answer is not None]
+
+    @staticmethod
+    def _at_any_pace(
+        task: Task, knots: Knots, moments: FloatArray, keep: FloatArray
+    ) -> Answer | None:
         for pace in (1.0, 1.5, 4.0):
-            found = feasible(free, knots, begun, pace, share)
-            if found is not None and held is not None:  # inside the limits, a knot at each turn
-                found = fastest(free, knots, found, share)
-                knots = Knots(through(knots.lengths.astype(np.int64), found.moments[held > 0.0]))
-                near = np.argmin(np.abs(knots.time - found.moments[:, None]), axis=1)
-                begun = np.where(held > 0.0, knots.time[near], found.moments)
-                found = feasible(task, knots, begun, found.pace, share)
+            found = feasible(task, knots, moments, pace, keep)
             if found is not None:
-                return _Start(task, knots, share, found)
+                return found
         return None
 
 
 @dataclass(frozen=True, eq=False)
 class _Start:
-    """A motion for a task, within so many tolerances."""
+    """A motion within so many tolerances."""
 
-    task: Task
     knots: Knots
     keep: FloatArray
     answer: Answer
@@ -320,11 +322,10 @@ class _Start:
         return self.answer.pace * self.knots.duration
 
 
-def _on_limits(task: Task) -> FloatArray | None:
-    """1 for way-points (n,) on a position limit, where the motion turns; None: there are none."""
+def _on_limits(task: Task) -> NDArray[np.bool_] | None:
+    """Which way-points (n, J) are on a position limit, where the joint turns; None: none is."""
     if task.box is None or not len(task.points):
         return None
     near = 1e-9 * task.scale[:, None]
-    on = np.abs(task.points[:, :, None] - task.box) <= near
-    held: FloatArray = np.asarray(on.any(axis=(1, 2)), dtype=np.float64)
-    return held if held.any() else None
+    on = np.asarray((np.abs(task.points[:, :, None] - task.box) <= near).any(axis=2))
+    return on if on.any() else None
