@@ -1,7 +1,7 @@
 """Motions that keep their limits are followed in their own time, whatever their sampling.
 
-The motions are ruckig's time-optimal ones: their phases begin and end between cycles, and they are at a
-limit all the time, so that whatever a planner loses shows. Judged from recorded positions alone.
+The motions are ruckig's time-optimal ones: their phases begin and end between cycles, and they are
+at a limit all the time, so that whatever a planner loses shows. Judged from recorded positions.
 """
 
 from __future__ import annotations

@@ -2,8 +2,9 @@
 
 ``stretched`` passes every way-point at its exact position, with continuous acceleration and within
 all limits. It plans in microseconds per way-point what ``follow`` needs milliseconds for, and takes
-longer where times ask too much. The work is done in C (``_follow.c``), window by window, in constant
-memory; ``docs/explanation/trajectories.md`` has the method. Never here: shared memory, drives.
+longer where times ask too much. The work is done in C (``_follow.c``), window by window, in
+constant memory; ``docs/explanation/trajectories.md`` has the method. Never here: shared memory,
+drives.
 """
 
 from __future__ import annotations
@@ -179,7 +180,10 @@ class Interpolated:
         speeds: FloatArray | None,
         table: FloatArray,
     ) -> None:
-        """From a state to ``points`` (n, N) in ``cycle`` (n,), to rest there; per cycle the rest."""
+        """From a state to ``points`` (n, N) in ``cycle`` (n,), to rest there; the rest per cycle.
+
+        Segments are not stretched.
+        """
         window = Window(len(names), speeds is not None)
         window.state = state.velocity * T, state.acceleration * T**2, state.last_jerk * T**3
         window.add(

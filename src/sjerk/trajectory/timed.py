@@ -250,7 +250,7 @@ class Timed:
         if len(way) > 2:
             velocity = share * (way[2] - way[1]) / gaps[1]
         most = (1.0 - 1e-9) * self._table[:, 0]
-        targets = [State(*row) for row in zip(way[1], np.clip(velocity, -most, most))]
+        targets = [State(*row) for row in zip(way[1], np.clip(velocity, -most, most), strict=True)]
         starts = [State(*row) for row in task.start.T.tolist()]
         limits = [Limits(*row) for row in self._table.tolist()]
         return float(plan(starts, targets, limits, 1.0, synchronization="time").cycles)
