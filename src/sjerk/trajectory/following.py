@@ -58,8 +58,9 @@ def follow(
     joint's way, at most a twentieth of what it goes in a cycle at its velocity limit). Else the
     motion takes as little longer as it must, never shorter from way-point to way-point than asked:
     ``stretch`` says how many cycles, ``passed`` when each way-point is passed and how near. The
-    default tolerance is raised tenfold at most where that saves time; for way-points denser than
-    knots any tolerance, up to what a joint goes at full velocity in half the time between two.
+    default tolerance is raised tenfold at most where that saves time, for way-points denser than
+    knots up to what a joint goes at full velocity in half the time between two; a given one only
+    where no uniform stretch of up to three times keeps it.
     Velocities of the trajectory, with ``use_velocities``, are met as well as
     the way-points leave room. The motion ends a cycle after its time, settled. Limits of velocity,
     acceleration and jerk (the smaller one, where braking has its own) and positions are kept.

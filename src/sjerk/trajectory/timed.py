@@ -67,6 +67,7 @@ class Timed:
         """``table`` (N, 3): limits per cycle; ``tolerance``: per joint, or None: by their ways."""
         self._table, self._box, self._tolerance = table, box, tolerance
         self._use_velocities = use_velocities
+        self._kept = False  # a motion within the tolerance that was given is known
         self._stop = stop_of(table)
         soft = float((table[:, 1] / table[:, 2]).min())
         self._spacing = max(2.0, soft / 3.0, self._stop / 60.0)
@@ -156,6 +157,7 @@ class Timed:
         even = self._nearly(task, asked, window.left, length)
         if even is not None and even[0] <= _LITTLE:
             return even[1:]
+        self._kept = even is not None and self._tolerance is not None
         try:
             own = self._later(task, asked, window, length)
         except PlanError:
@@ -256,7 +258,12 @@ class Timed:
         return float(plan(starts, targets, limits, 1.0, synchronization="time").cycles)
 
     def _raised(self, task: Task, dense: bool) -> FloatArray:
-        """How far off a joint may be (J,) at most where that is noise."""
+        """How far off a joint may be (J,) at most where that is noise.
+
+        A tolerance that is given is not raised where a slower motion keeps it.
+        """
+        if self._kept:
+            return task.unit
         assert task.least is not None
         most = task.unit if self._tolerance is not None and not dense else _RAISED * task.unit
         if dense:  # as far as times in whole samples are wrong by
