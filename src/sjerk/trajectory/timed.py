@@ -13,6 +13,7 @@ from sjerk.errors import PlanError
 from sjerk.planner import plan
 from sjerk.profile import FloatArray, Limits, State
 from sjerk.trajectory.fastest import (
+    ROUNDS,
     at_pace,
     evenly,
     fastest,
@@ -40,6 +41,8 @@ _LOST = 1e3
 _NEARLY = 0.05
 #: A uniform stretch that leaves too little to gain by another.
 _LITTLE = 0.005
+#: Unknowns times rounds of a search for the fastest, and its fewest rounds.
+_WORK, _LEAST_ROUNDS = 2e4, 3
 #: A uniform stretch that is not looked for.
 _EVENLY = 3.0
 #: Slowed each by itself way-points are no start where they take more than this share of stopping.
@@ -239,12 +242,11 @@ class Timed:
             start = self._start(task, ends[: len(asked)], window.left, int(np.ceil(ends[-1])))
             if start.answer is not None:
                 found.append(start)
-        best = None
         for start in sorted(found, key=lambda x: x.length):
             made = self._finished(task, asked, start)
-            if made is not None and (best is None or made[1].duration < best[1].duration):
-                best = made
-        return best
+            if made is not None:
+                return made
+        return None
 
     def _reach(self, task: Task, way: FloatArray, gaps: FloatArray, share: float) -> float:
         """Cycles to the first way-point, at a share of the velocity to the next one."""
@@ -321,7 +323,9 @@ class Timed:
         if start.answer is None or start.answer.pace > _LOST:
             return None
         few, keep = start.few, start.keep
-        found = fastest(start.task, start.knots, start.answer, keep)
+        unknowns = len(start.knots) * len(start.task.unit)
+        rounds = int(np.clip(_WORK / unknowns, _LEAST_ROUNDS, ROUNDS))
+        found = fastest(start.task, start.knots, start.answer, keep, rounds)
         made = in_cycles(start.task, start.knots, found, keep)
         if made is None:
             return None
