@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from sjerk.errors import InputError
 from sjerk.ports.ros.joints import UNITS, Joints
 from sjerk.ports.ros.parameters import CONTROL, CONTROLLER, Parameter, constraints, settings
-from sjerk.trajectory import Trajectory
+from sjerk.trajectory import Trajectory, TrajectoryError
 
 #: One radian or metre in the units that people have, from their definitions.
 DEFINED = {"": 1, "rad": 1, "deg": 360 / math.tau, "rev": 1 / math.tau, "m": 1, "mm": 1e3}
@@ -51,6 +51,9 @@ def test_a_trajectory_of_some_joints_is_scaled_by_their_units() -> None:
     assert scaled.velocity[:, 0].tolist() == [0.0, 100.0]
     assert scaled.acceleration is not None
     assert scaled.acceleration[:, 0].tolist() == [200.0, 0.0]
+    huge = Trajectory(["turn"], [0.0, 1.0], [[0.0], [1e308]])
+    with pytest.raises(TrajectoryError, match="point 1, joint turn: position = inf is not finite"):
+        arm.trajectory(huge)
 
 
 @pytest.mark.parametrize(

@@ -74,13 +74,14 @@ class Joints:
     def trajectory(self, way: Trajectory) -> Trajectory:
         """A trajectory in radians and metres, of any of the joints in any order, in axis units."""
         scale = np.array([self.scale_of(name) for name in way.joint_names])
-        return Trajectory(
-            way.joint_names,
-            way.time,
-            way.position * scale,
-            None if way.velocity is None else way.velocity * scale,
-            None if way.acceleration is None else way.acceleration * scale,
-        )
+        with np.errstate(over="ignore"):  # what is too large to be scaled is refused: not finite
+            return Trajectory(
+                way.joint_names,
+                way.time,
+                way.position * scale,
+                None if way.velocity is None else way.velocity * scale,
+                None if way.acceleration is None else way.acceleration * scale,
+            )
 
     def row(self, names: Sequence[str], values: Sequence[float], field: str) -> FloatArray:
         """One value per axis (N,), in axis units, from a message that names joints in any order.
