@@ -74,7 +74,7 @@ else
     printf 'arm: %s\n' "$(aarch64-linux-gnu-gcc --version | head -n 1)"
     # shellcheck disable=SC2046 # names without spaces
     aarch64-linux-gnu-gcc --sysroot="$target" -B"$target/usr/lib/aarch64-linux-gnu" \
-        -isystem "$target/usr/include/aarch64-linux-gnu" -isystem "$target/usr/include" -std=c11 -O3 -ffp-contract=off -fno-trapping-math \
+        -isystem "$target/usr/include/aarch64-linux-gnu" -isystem "$target/usr/include" -std=c11 -O3 -ffp-contract=off -fno-trapping-math -fno-math-errno \
         -flto=auto -fPIC -shared -fvisibility=hidden -DNDEBUG -DPy_LIMITED_API=0x030b0000 -I"$here/src/sjerk" \
         -I"$target/usr/include/python$version" "$build/_core.c" \
         $(find "$here/src/sjerk" -name '_*.c') -lm -o "$build/sjerk/_core.abi3.so"

@@ -535,6 +535,57 @@ def test_plan_many_is_plan(request_: tuple[State, State, Limits, float]) -> None
     )
 
 
+@given(
+    st.integers(0, 2**32 - 1),
+    st.lists(st.sampled_from([*check.UNITS]), min_size=1, max_size=3),
+    st.lists(st.sampled_from(check.KINDS), min_size=1, max_size=3),
+    st.booleans(),
+    st.integers(1, 40),
+    st.floats(-12.0, 12.0),
+    st.sampled_from([0.0, 0.1, 0.5]),
+)
+def test_rows_planned_at_once_have_the_bits_of_rows_planned_alone(
+    seed: int,
+    drawn_units: list[str],
+    kinds: list[str],
+    asymmetric: bool,
+    n: int,
+    exponent: float,
+    shared: float,
+) -> None:
+    """Rows of all kinds side by side, in any unit: kind, length, and each phase as `plan` has them.
+
+    Some have the distance of nothing, start above their limits or at rest.
+    """
+    rng = np.random.default_rng(seed)
+    cycle_time = float(rng.choice([1e-4, 1e-3, 4e-3, 1e-2]))
+    parts = []
+    for unit in drawn_units:
+        for kind in kinds:
+            made, of = drawn(rng, n, unit, kind, asymmetric=asymmetric)
+            made.start[:, 1:] *= [of / cycle_time, (of / cycle_time) ** 2]
+            made.target[:, 1:] *= of / cycle_time
+            made.limits *= (of / cycle_time) ** np.array([1, 2, 3, 2, 3])
+            parts.append(made)
+    r = check.Requests(
+        *(np.concatenate([getattr(p, f) for p in parts]) for f in ("start", "target", "limits"))
+    ).only(rng.permutation(n * len(parts)))
+    size = 10.0**exponent
+    start, target, limit = r.start * size, r.target * size, r.limits * size
+    odd = rng.uniform(size=len(start)) < shared
+    start[odd] *= rng.choice([[1, 0, 0], [1, 1, 0], [1, 3, 1], [1, 1, 3]], int(odd.sum()))
+    still = rng.uniform(size=len(start)) < 0.1 * shared
+    target[still, 0] = start[still, 0]
+    plans = plan_many(start, target, limit, cycle_time)
+    for i in range(len(start)):
+        one = plan(State(*start[i]), State(*target[i]), Limits(*limit[i]), cycle_time).c_plan
+        first, row = int(plans.rows["first"][i]), plans.rows[i]
+        assert (one.cycles, one.count, one.kind) == (row["cycles"], row["count"], row["kind"])
+        used = plans.pool[first : first + one.count]
+        phases = [(one.phase[k].cycles, one.phase[k].jerk) for k in range(one.count)]
+        assert phases == list(zip(used["cycles"].tolist(), used["jerk"].tolist(), strict=True))
+
+
 def test_many_plans_are_one_by_one_whatever_the_number_and_survive_pickling() -> None:
     """Rows planned in several threads are those of `plan`; pickled, only what is used is kept."""
     r = check.draw(np.random.default_rng(17), 20_000, "target", asymmetric=True)

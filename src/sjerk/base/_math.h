@@ -21,12 +21,16 @@ static inline double power_of_2(int64_t k)
 /* x^(1/3). With |x| = m 2^(3k), 1 <= m < 8: a guess t by a third of the exponent, two steps of Halley,
  *     t <- t (t^3 + 2 m) / (2 t^3 + m),
  * and one of Newton, t <- t + (m - t^3) / (3 t^2), with the remainder in double-double. */
-static inline double cube_root(double x)
+typedef struct {
+    double m, t, unit; /* unit: 2^k, or x itself where that is its root: m = t = 1 */
+} cube_guess;
+
+static inline cube_guess cube_begin(double x)
 {
     double m = fabs(x), t, scaled = 1.0;
     uint64_t bits, guess;
     if (!isfinite(x) || x == 0.0)
-        return x;
+        return (cube_guess){1.0, 1.0, x};
     if (m < 0x1p-1022) { /* subnormal */
         m *= 0x1p54;
         scaled = 0x1p-18;
@@ -37,13 +41,24 @@ static inline double cube_root(double x)
     memcpy(&m, &bits, sizeof m);
     guess = bits / 3 + 0x2A9F7893782DA1CE; /* 2/3 of the bits of 1.0, less the mean error */
     memcpy(&t, &guess, sizeof t);
+    return (cube_guess){m, t, power_of_2(k) * scaled};
+}
+
+/* Nothing but sums, products and quotients: several at once, in loops over lanes. */
+static inline double cube_refined(double m, double t)
+{
     for (int step = 0; step < 2; step++) {
         double cube = t * t * t;
         t = t * (cube + 2.0 * m) / (2.0 * cube + m);
     }
     sj_exact cube = exact_multiply(exact_two_product(t, t), exact_of(t));
-    t += ((m - cube.hi) - cube.lo) / (3.0 * t * t);
-    return copysign(t * power_of_2(k) * scaled, x);
+    return t + ((m - cube.hi) - cube.lo) / (3.0 * t * t);
+}
+
+static inline double cube_root(double x)
+{
+    cube_guess g = cube_begin(x);
+    return copysign(cube_refined(g.m, g.t) * g.unit, x);
 }
 
 /* e^x - 1. x is halved n times to r, |r| <= 1/32, where the series ends after 13 terms:

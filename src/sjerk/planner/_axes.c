@@ -7,23 +7,9 @@
 #include <stddef.h>
 #include <stdint.h>
 #include "planner/_planner.h"
+#include "planner/_samples.h" /* a request between samples */
 #include "base/_limits.h"     /* one profile for all axes */
 #include "base/_continuous.h" /* from samples to the continuous motion, exactly */
-
-/* From sample to sample, no jerk before the start and behind the end; SI units of time, limits per cycle.
- * The lemma in plain doubles: what that rounds is far below what the interpolator takes out exactly. */
-static sj_request request_between(double T, const sj_state *from, const sj_state *to)
-{
-    double v = from->velocity * T, a = from->acceleration * T * T, v1 = to->velocity * T;
-    if (to->acceleration != 0.0) {
-        /* the plan's end lies half a cycle before the sample */
-        double a1 = to->acceleration * T * T;
-        return (sj_request){(to->position - from->position) - 0.5 * (v1 + v) + (a - a1) / 12.0,
-                            v + 0.5 * a, a, v1 - 0.5 * a1};
-    }
-    return (sj_request){(to->position - from->position) - 0.5 * (v1 + v) + a / 12.0, v + 0.5 * a, a,
-                        v1};
-}
 
 /* Rest to rest on a straight line: one profile of the line from 0 to 1 under the limits that the
  * tightest axis leaves, scaled to each axis. 1 if it could be done. */
@@ -166,36 +152,4 @@ int32_t sj_plan_sample_velocities(int32_t n, double cycle_time_s, const void *fr
     for (int32_t i = 0; i < n && status == SJ_PLAN_OK; i++)
         ends[i] = end_of(at[i], request[i].v1, &plans[i]);
     return status;
-}
-
-static sj_state row_state(const double *row, int64_t columns)
-{
-    return (sj_state){row[0], columns > 1 ? row[1] : 0.0, columns > 2 ? row[2] : 0.0};
-}
-
-/* n independent axes: requests in rows of 1 to 3 columns (position, velocity, acceleration);
- * limits_step 0 for one Limits for all, 1 for one each. `phases` has room for SJ_PHASES of each, from
- * index `first` on. Stops at the first request that fails; *failed is its row. */
-int32_t sj_plan_rows(int64_t n, double cycle_time_s, const double *from, int64_t from_columns,
-                     const double *to, int64_t to_columns, const sj_limits *limits,
-                     int64_t limits_step, sj_row *rows, sj_phase *phases, int64_t first,
-                     int64_t *failed)
-{
-    for (int64_t i = 0; i < n; i++) {
-        sj_plan plan;
-        sj_state start = row_state(from + i * from_columns, from_columns);
-        sj_state end = row_state(to + i * to_columns, to_columns);
-        sj_request r = request_between(cycle_time_s, &start, &end);
-        int32_t status =
-            sj_plan_move(r.distance, r.v0, r.a0, r.v1, limits + i * limits_step, &plan);
-        if (status != SJ_PLAN_OK) {
-            *failed = i;
-            return status;
-        }
-        rows[i] = (sj_row){plan.cycles, first, plan.count, plan.kind};
-        for (int32_t k = 0; k < plan.count; k++)
-            phases[first + k] = plan.phase[k];
-        first += plan.count;
-    }
-    return SJ_PLAN_OK;
 }

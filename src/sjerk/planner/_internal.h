@@ -151,6 +151,7 @@ family sj_family_of(const task *t);
 double sj_family_distance(const task *t, const family *f, double v);
 int sj_by_cruise(const task *t, const family *f, double at_low, int far, seven *s, double *optimum);
 int sj_seven_fit(const task *t, seven *s);
+void sj_seven_shorten(const task *t, seven *s, double least_cycles, int round);
 void sj_seven_put(sj_plan *p, const task *t, const seven *s);
 void sj_even_counts(double x, double z, double amax, double jerk, double *rise, double *hold);
 void sj_ramp_counts(double a0, double x, double z, double amax, double jerk, double jerk1,
@@ -189,6 +190,19 @@ int sj_move_from_above(const task *start, double cycles, sj_plan *p);
 /* _direct.c */
 task sj_pushed_up(const task *start);
 int sj_move_direct(const task *start, sj_plan *p);
+
+/* One of the rows that _lanes.c plans at once: whether it is planned, and how. */
+typedef struct {
+    int ok;
+    task t;
+    seven s;
+} lane_plan;
+
+enum { SJ_LANES = 8 };
+
+/* _lanes.c */
+void sj_lanes_plan(int32_t n, const sj_request *r, const sj_limits *limits, int64_t step,
+                   lane_plan *out);
 
 /* _fallback.c */
 int sj_by_stopping(const task *start, double duration, sj_plan *p);

@@ -229,10 +229,11 @@ void sj_ramp_counts(double a0, double x, double z, double amax, double jerk, dou
         }
 }
 
-/* Takes single cycles away as long as the limits allow; `least_cycles` cannot be undercut. */
-static void seven_shorten(const task *t, seven *s, double least_cycles)
+/* Takes single cycles away as long as the limits allow; `least_cycles` cannot be undercut. `round`: how many
+   have been taken. */
+void sj_seven_shorten(const task *t, seven *s, double least_cycles, int round)
 {
-    for (int round = 0; round < DURATION_STEPS && seven_cycles(s) - least_cycles >= 1; round++) {
+    for (; round < DURATION_STEPS && seven_cycles(s) - least_cycles >= 1; round++) {
         seven c = *s;
         if (s->n4 > 0) {
             c.n4 -= 1;
@@ -346,6 +347,6 @@ int sj_by_cruise(const task *t, const family *f, double at_low, int far, seven *
         if (!ok)
             return 0;
     }
-    seven_shorten(t, s, up(*optimum));
+    sj_seven_shorten(t, s, up(*optimum), 0);
     return 1;
 }
