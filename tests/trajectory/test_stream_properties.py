@@ -12,7 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from helpers.stream_check import Array, Draw, Outcome, drawn, judge, one_way, play
-from sjerk import State, plan
+from sjerk import Limits, State, plan
+from sjerk.trajectory.known import Known
 
 T = 1e-3
 
@@ -125,3 +126,22 @@ def test_limits_hold_in_rationals(seed: int) -> None:
                     assert abs(V_) <= most[0]
                     assert abs(A_) <= most[1]
         assert abs(V_) <= most[0] / 10**9
+
+
+@settings(max_examples=60)
+@given(st.integers(0, 2**31))
+def test_noise_is_what_no_motion_within_the_limits_explains(seed: int) -> None:
+    """Nothing where goals are exact; of goals in counts never more than half of one."""
+    rng = random.Random(seed)
+    unit = 10.0 ** rng.uniform(-3, 3)
+    v, a, j = rng.uniform(0.5, 3.0), rng.uniform(1.0, 20.0), rng.uniform(10.0, 400.0)
+    limits = Limits(unit * v, unit * a, unit * j)
+    way = plan(0.0, unit * rng.choice([-1, 1]) * rng.uniform(0.1, 5.0), limits, T).sample().position
+    rows = np.unique([rng.randrange(len(way)) for _ in range(rng.randint(5, 400))])
+    table = np.array([[limits.velocity * T, limits.acceleration * T**2, limits.jerk * T**3]])
+    count = unit * 10.0 ** rng.uniform(-6, -2)
+    for goals, most in ((way, 1e-12 * unit), (np.round(way / count) * count, count / 2)):
+        known = Known(goals[rows[:1]], int(rows[0]), 0.0)
+        for row in rows[1:].tolist():
+            known.add(goals[row : row + 1], float(row), row * T, None)
+        assert known.noise(1e9, table)[0] <= most * (1.0 + 1e-6)

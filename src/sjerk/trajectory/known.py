@@ -6,6 +6,7 @@ Never here: plans, control points, cycles that were handed out.
 from __future__ import annotations
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
 
 from sjerk.errors import InputError
@@ -193,18 +194,23 @@ class Known:
         return found, turning
 
     def noise(self, cycles: float, limits: FloatArray) -> FloatArray:
-        """What the goals of so many cycles are off by (N,): half of what no acceleration explains.
+        """What the goals of so many cycles are off by at least (N,), that no motion explains.
 
-        Between neighbours; ``limits`` (N, 3) per cycle.
+        By divided differences, of a motion within V, A / 2 and J / 6: ``limits`` (N, 3) per cycle.
         """
         since = int(np.searchsorted(self.cycle, self.last_cycle - cycles))
         cycle, position = self.cycle[since:], self.position[since:]
-        if len(cycle) < 4:
-            return np.zeros(len(limits))
-        b, c = np.diff(cycle)[:-1, None], np.diff(cycle)[1:, None]
-        off = position[1:-1] - (position[:-2] * c + position[2:] * b) / (b + c)
-        explained = limits[:, 1] * b * c / 2.0
-        return np.asarray(np.maximum(np.abs(off) - explained, 0.0).max(axis=0) / 2.0)
+        found = np.zeros(len(limits))
+        for order, limit in enumerate((limits / [1.0, 2.0, 6.0]).T, start=1):
+            if len(cycle) <= order:
+                break
+            at = sliding_window_view(cycle, order + 1)
+            gaps = at[:, :, None] - at[:, None, :] + np.eye(order + 1)
+            share = 1.0 / gaps.prod(axis=2)
+            rows = sliding_window_view(position, order + 1, axis=0)
+            off = np.abs(np.einsum("wn,wjn->wj", share, rows)) - limit
+            found = np.maximum(found, (off / np.abs(share).sum(axis=1)[:, None]).max(axis=0))
+        return found
 
 
 def shortest_stop(v: FloatArray, a: FloatArray, A: FloatArray, J: FloatArray) -> FloatArray:

@@ -329,7 +329,7 @@ class StreamPlanner:
         allowed = self._allowed(worst)
         met = bool((worst <= RESOLUTION * self.horizon.velocity).all())
         exact = len(aims.moment) if self._exact and met else 0
-        n = max(1, math.ceil(last - 1e-9) - 2)
+        n = max(1, math.ceil(min(last, due[-1]) - 1e-9) - 2)
         for knots in range(n, n + self.tail):
             short = replace(
                 aims, direction=np.ascontiguousarray(aims.direction[:, :knots]), ended=True
