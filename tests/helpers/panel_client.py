@@ -223,8 +223,13 @@ class Client:
 
     def told(self, words: str) -> str:
         """Wait for an answer or a text."""
-        until(lambda: words in self.html, f"{words!r} in the page; it said {self.said!r}")
+        until(lambda: self._has(words in self.html), f"{words!r} in the page")
         return self.said
+
+    def _has(self, found: bool) -> bool:
+        """Whether it is found; raises where it cannot come any more."""
+        assert found or not self.closed.is_set(), f"the panel closed: {self.socket.close_reason}"
+        return found
 
     def order(self, label: str, answer: str, value: Any = True, nth: int = 0) -> None:
         """Click, and wait for an answer that is new."""
@@ -232,4 +237,7 @@ class Client:
             if "sjerk-said" in str(props.get("content", "")):
                 props["content"] = ""
         self.set(label, value, nth)
-        until(lambda: answer in self.said, f"{answer!r}; it said {self.said!r}")
+        try:
+            until(lambda: self._has(answer in self.said), f"{answer!r}")
+        except AssertionError as fault:
+            raise AssertionError(f"{fault}; it said {self.said!r}") from None

@@ -140,9 +140,11 @@ class Seen:
         if close.count():
             close.first.click()
 
-    def picture(self, name: str) -> None:
-        """Keep what is seen, where pictures are wanted."""
+    def picture(self, name: str, *, held: bool = False) -> None:
+        """Keep what is seen, where pictures are wanted; ``held``: the mouse stays where it is."""
         if PICTURES:
+            if not held:
+                self.page.mouse.move(640, 20)  # off what it has pressed, whose hint hides another
             self.page.wait_for_timeout(700)
             self.page.screenshot(path=str(Path(PICTURES) / f"panel_{name}.png"))
 

@@ -230,7 +230,8 @@ def soak(process: PanelProcess, minutes: float) -> bool:
     begun = time.monotonic()
     while time.monotonic() < end:
         client = Client(process.lead)
-        client.order("Take the lead", "leads")
+        client.told("leads: <b>nobody</b>")  # the page before has left
+        client.order("Take the lead", "this browser leads")
         client.order("Drives", "drives follow", "Enable")
         for _ in range(20):
             client.hold("panda_joint2 +" if pages % 2 else "panda_joint2 −")

@@ -12,9 +12,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from helpers.following_check import Array, T, recording
-from sjerk import Limits, Trajectory, follow
+from sjerk import Limits, Trajectory
 from sjerk._binding import ffi, lib
 from sjerk.trajectory.segments import Followed
+from sjerk.trajectory.stretching import stretched
 
 RUNS, RESTS, STARVES, DONE, LOST = range(5)
 
@@ -114,7 +115,7 @@ def random_plan(rng: np.random.Generator) -> tuple[list[Followed], list[Limits]]
     q = np.cumsum(rng.normal(size=(n, joints)) * scale, axis=0)
     time = np.cumsum(10.0 ** rng.uniform(-3.0, -0.5, n))
     way = Trajectory([f"j{k}" for k in range(joints)], time, q)
-    return list(follow(way, limits, T)), limits
+    return list(stretched(way, limits, T)), limits
 
 
 @pytest.mark.parametrize("seed", range(int(os.environ.get("SJERK_PATHS", "40"))))
@@ -159,7 +160,7 @@ def test_what_is_no_path_is_refused_before_it_moves() -> None:
     """Each check of a segment, by its status and axis; nothing of it is taken."""
     q = np.column_stack([np.linspace(0.0, 0.4, 9), np.linspace(0.0, -0.4, 9)])
     limits = [Limits(2.0, 20.0, 500.0, position=(-0.5, 0.5))] * 2
-    blocks = list(follow(Trajectory(["a", "b"], 0.2 * np.arange(9), q), limits, T))
+    blocks = list(stretched(Trajectory(["a", "b"], 0.2 * np.arange(9), q), limits, T))
 
     def status(change: Any, own: Sequence[Limits] = limits) -> tuple[int, int]:
         player = Player(blocks, own)

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 
 from helpers.following_check import PANDA, Array, T, recording, recording_keeps, toppra_plan
 from helpers.path_check import along, curve
-from sjerk import InputError, Limits, Trajectory, follow, follow_within
+from sjerk import InputError, Limits, Trajectory, follow_within
+from sjerk.trajectory.stretching import stretched
 from sjerk.trajectory.thinning import Thinned
 
 ROBOT = Limits(velocity=2.0, acceleration=4.0, jerk=500.0)
@@ -46,7 +47,7 @@ def test_dense_and_sparse_give_the_same_motion() -> None:
     tolerance = 2e-3
     dense, sparse = toppra_plan(0.002, 0), toppra_plan(0.1, 0)
     one = judged(dense, PANDA, 1e-4)[1]
-    two = recording(list(follow(sparse, PANDA, T, use_velocities=False)))[0]
+    two = recording(list(stretched(sparse, PANDA, T, use_velocities=False)))[0]
     _, gaps = along(curve(one), two[::5], 0, 16 * len(one))  # each 5 ms: it turns far more slowly
     assert gaps.max() <= tolerance
     assert abs(len(one) - len(two)) <= 0.02 * len(two)

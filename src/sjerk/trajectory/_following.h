@@ -30,6 +30,8 @@ int64_t sj_follow_spare(int32_t joints);
 void sj_follow_begin(const sj_follow *s, const double *velocity, const double *acceleration,
                      const double *last_jerk);
 int32_t sj_follow_plan(const sj_follow *s);
+/* Solve for the cycles as they are; share (points): the largest use of any limit per segment. */
+void sj_follow_shares(const sj_follow *s, double *share);
 void sj_follow_read(const sj_follow *s, int64_t count, int64_t *length, double *jerk,
                     double *velocity, double *acceleration, double *last_jerk);
 /* The samples of `count` segments as read, without the first knot's; the number of rows. */

@@ -333,6 +333,14 @@ int32_t sj_follow_plan(const sj_follow *s)
     return stretch(s, WITHIN);
 }
 
+void sj_follow_shares(const sj_follow *s, double *share)
+{
+    sj_follow_solve(s, 1, s->points - 1, REACH);
+    share[0] = 0.0;
+    for (int64_t i = 1; i < s->points; i++)
+        share[i] = used(s, i, 0);
+}
+
 /* Whether segment i could be a cycle shorter with the others fixed; nothing changes. */
 int32_t sj_follow_could_lose(const sj_follow *s, int64_t i)
 {

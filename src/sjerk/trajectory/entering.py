@@ -15,9 +15,9 @@ import numpy as np
 from sjerk.errors import InputError, PlanError
 from sjerk.profile import FloatArray, Limits
 from sjerk.trajectory.faults import TrajectoryError
-from sjerk.trajectory.following import BLOCK, follow
 from sjerk.trajectory.joining import join
 from sjerk.trajectory.segments import Followed, IntArray, Knot, dwell
+from sjerk.trajectory.stretching import BLOCK, stretched
 from sjerk.trajectory.thinning import follow_within
 from sjerk.trajectory.trajectory import Trajectory
 
@@ -181,7 +181,7 @@ class Entry:
                 body, self.limits, self.cycle_time, tolerance=self.tolerance, begin=begin
             )
             return Entered(iter(near.blocks), near.kept[1:] + shift)
-        blocks = follow(
+        blocks = stretched(
             body,
             self.limits,
             self.cycle_time,

@@ -20,6 +20,8 @@ NONE = 1e-5
 #: A round that gains less is one of the last ones.
 _GAIN = 3e-4
 ROUNDS = 20
+#: Steps of the solver for a motion at its moments; one that is not found in so many is none.
+_STEPS = 25
 
 
 def places(knots: Knots, answer: Answer) -> FloatArray:
@@ -245,7 +247,7 @@ def at_pace(
     """
     control, excess = answer.control.copy(), 0.0
     for j in range(len(task.unit)):
-        one = replace(answer, control=np.ascontiguousarray(control[:, j : j + 1]))
+        one = _column(answer, j)
         near = keep[:, j : j + 1] if isinstance(keep, np.ndarray) and keep.ndim == 2 else keep
         made = Programme(task.joint(j), knots, one, move=False, paced=False).solve(keep=near)
         if made is None or made.excess > most:
@@ -253,6 +255,58 @@ def at_pace(
         control[:, j : j + 1] = made.control
         excess = max(excess, made.excess)
     return replace(answer, control=control, excess=excess)
+
+
+def in_time(task: Task, knots: Knots, moments: FloatArray, order: list[int]) -> Answer | None:
+    """Control points at pace 1 within the tolerance, and exact where that is quickly found.
+
+    Joint by joint, which are separate where the moments stay, in this ``order``; None: one has
+    none, and is the first in the order from now on.
+    """
+    answer = first_answer(task, knots, moments, 1.0)
+    found: dict[int, Answer] = {}
+    for j in order:
+        made = _joint_in_time(task.joint(j), knots, _column(answer, j), 1.0)
+        if made is None or made.excess > NONE:
+            order.remove(j)
+            order.insert(0, j)
+            return None
+        found[j] = made
+    control, excess = answer.control.copy(), 0.0
+    for j, made in found.items():
+        exact = _joint_in_time(task.joint(j), knots, made, NONE)
+        best = made if exact is None or exact.excess > 1.0 else exact
+        control[:, j : j + 1] = best.control
+        excess = max(excess, best.excess)
+    return replace(answer, control=control, excess=excess)
+
+
+def evenly(
+    task: Task, knots: Knots, moments: FloatArray, most: float, order: list[int]
+) -> float | None:
+    """The least pace at which these moments are kept, all slowed alike; None: above ``most``."""
+    answer = first_answer(task, knots, moments, max(1.0, slowest(task, knots, moments)))
+    for j in list(order):
+        one = _column(answer, j)
+        made = _joint_in_time(task.joint(j), knots, one, 1.0)
+        if made is not None and made.excess <= NONE:
+            continue
+        made = settle(task.joint(j), knots, one, 1.0, 6)
+        if made is None or made.pace > most:
+            order.remove(j)
+            order.insert(0, j)
+            return None
+        answer = replace(answer, pace=max(answer.pace, made.pace))
+    return answer.pace
+
+
+def _column(answer: Answer, j: int) -> Answer:
+    return replace(answer, control=np.ascontiguousarray(answer.control[:, j : j + 1]))
+
+
+def _joint_in_time(task: Task, knots: Knots, answer: Answer, keep: float) -> Answer | None:
+    programme = Programme(task, knots, answer, move=False, paced=False)
+    return programme.solve(keep=keep, steps=_STEPS)
 
 
 def resolution(

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from sjerk.errors import positive
 from sjerk.profile import FloatArray, Limits
-from sjerk.trajectory.following import follow
 from sjerk.trajectory.segments import Followed, Knot
+from sjerk.trajectory.stretching import stretched
 from sjerk.trajectory.trajectory import Trajectory
 
 #: Time between the way-points to begin with, seconds.
@@ -78,7 +78,7 @@ def follow_within(
     kept = np.unique(np.clip(np.searchsorted(way.time, moments), 0, n - 1))
     kept = np.union1d(kept, [0, n - 1])
     for _ in range(_ROUNDS):
-        blocks = tuple(follow(way.take(kept), limits, T, use_velocities=False, begin=begin))
+        blocks = tuple(stretched(way.take(kept), limits, T, use_velocities=False, begin=begin))
         deviation = _deviation(way, kept, blocks, T)
         far = np.flatnonzero((np.abs(deviation) > tolerance).any(axis=1))
         if not len(far):

@@ -19,12 +19,12 @@ from sjerk.planner import Motion, plan
 from sjerk.profile import FloatArray, Limits
 from sjerk.trajectory.corridor import Corridor
 from sjerk.trajectory.fastest import NONE, fastest, feasible, in_cycles, resolution
-from sjerk.trajectory.following import limits_per_cycle
 from sjerk.trajectory.joining import stops_of
 from sjerk.trajectory.parameterization import moments_of, stops_between
 from sjerk.trajectory.programme import Answer, Task
 from sjerk.trajectory.segments import Followed, IntArray, Knot, in_blocks
 from sjerk.trajectory.spline import Knots, among
+from sjerk.trajectory.stretching import limits_per_cycle
 from sjerk.trajectory.window import (
     HAND_OUT,
     KEPT,

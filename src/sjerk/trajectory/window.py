@@ -6,6 +6,7 @@ here: which way-points belong together, how fast they may be passed.
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -187,6 +188,53 @@ class Window:
         self.first += len(made)
         self.first_cycle += int(made.cycles.sum())
         self.state = Knot.rest(made.position[-1])
+        return own
+
+    def head(self, count: int) -> Window:
+        """The same with its first way-points only, to be planned."""
+        one = copy.copy(self)
+        one.points, one.gaps = self.points[:count], self.gaps[:count]
+        one.speeds = self.speeds[:count]
+        return one
+
+    def take(self, made: Followed) -> Followed:
+        """Hand out a motion whose segments end at way-points; ``made``: numbered from 0 on."""
+        count, shift = len(made), self.next_point - 1
+        passed = made.passed
+        first = 0 if self.first == 0 else 1
+        own = replace(
+            made,
+            first=self.first,
+            first_cycle=self.first_cycle,
+            ahead=made.ahead + shift,
+            passed=Passed(
+                passed.point[first:] + shift,
+                passed.moment[first:] + self.first_cycle * self.T,
+                passed.deviation[first:],
+            ),
+        )
+        self.points, self.gaps = self.points[count:], self.gaps[count:]
+        self.speeds = self.speeds[count:]
+        self.over, self.left, self.begun = 0.0, self.left[:0], self.begun[:0]
+        self.first += count
+        self.first_cycle += int(made.cycles.sum())
+        self.next_point += count
+        self.state, self.remainder = Knot.of(made), None
+        return own
+
+    def rest(self, made: Followed) -> Followed:
+        """Hand out a motion that passes no way-point, to rest."""
+        own = replace(
+            made,
+            first=self.first,
+            first_cycle=self.first_cycle,
+            ahead=np.full(len(made), self.next_point),
+        )
+        self.left, self.begun, self.remainder = self.left[:0], self.begun[:0], None
+        self.first += len(made)
+        self.over += float(made.cycles.sum())
+        self.first_cycle += int(made.cycles.sum())
+        self.state = Knot.of(made)
         return own
 
     def _passed(self, plan: Plan, count: int) -> Passed:

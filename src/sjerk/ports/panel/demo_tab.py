@@ -108,6 +108,7 @@ class DemoTab:
         goal = self._desk.commanded()
         goal[i] = recorded.position[0]
         self._desk.set_goal(self._page.browser, goal.tolist())
+        self._page.plan.show_goal()
         self._page.say("the goal is the path's first point: plan and execute in Plan")
 
     def _played(self, stops: int) -> None:

@@ -108,8 +108,10 @@ class Desk:
         self.proposal: Proposal | None = None
         self.preview = False
         self._planning = threading.Lock()
-        #: Where orders that take some time are worked on.
+        #: Where orders that take some time are worked on; and plans, which are made one by one:
+        #: no other order is behind them, and nobody who leaves.
         self.workers = ThreadPoolExecutor(_WORKERS, thread_name_prefix="order")
+        self.planner = ThreadPoolExecutor(1, thread_name_prefix="plan")
 
     # ---- what is there
 
@@ -211,6 +213,7 @@ class Desk:
         names = ("velocity", "acceleration", "jerk")
         v, a, j = (number(n, s, 0.01, 1.0) for n, s in zip(names, scale, strict=True))
         with self._planning:
+            self.lead.of(browser)  # it may have left while others planned
             scene, clear = self.scene, self.clear
             self.proposal, self.preview = None, False
             made = plan(
@@ -288,7 +291,8 @@ class Desk:
 
     def close(self) -> None:
         """End."""
-        self.workers.shutdown(wait=False, cancel_futures=True)
+        for pool in (self.workers, self.planner):
+            pool.shutdown(wait=False, cancel_futures=True)
         self.lead.close()
         if self.taking.browser is not None:
             self.left(self.taking.browser, "the panel ends")

@@ -27,6 +27,7 @@ from websockets.datastructures import Headers
 from websockets.http11 import Response
 
 from sjerk.errors import SjerkError
+from sjerk.ports.panel.page_scripts import SCRIPTS
 
 Role = Literal["lead", "view"]
 
@@ -47,21 +48,6 @@ _HEADERS = {
 }
 #: A browser that does not answer so long (s) has left; the largest message of one, bytes.
 _PING, _PATIENCE, _LARGEST = 1.0, 1.5, 2**20
-
-#: The page lets go of a held button when its window loses the focus, is hidden, or left.
-_WATCHFUL = b"""<script>(() => {
-  let held = null;
-  const drop = () => {
-    const last = held;
-    held = null;
-    const gone = {bubbles: true, pointerId: last ? last.pointerId : 0};
-    if (last) last.target.dispatchEvent(new PointerEvent('pointercancel', gone));
-  };
-  addEventListener('pointerdown', event => { held = event; }, true);
-  addEventListener('pointerup', () => { held = null; }, true);
-  for (const what of ['blur', 'contextmenu', 'pagehide']) addEventListener(what, drop);
-  document.addEventListener('visibilitychange', () => { if (document.hidden) drop(); });
-})();</script>"""
 
 #: Of the connection in whose task this is read.
 _role: contextvars.ContextVar[Role | None] = contextvars.ContextVar("role", default=None)
@@ -202,7 +188,7 @@ class Door:
         if answered.get("Content-Encoding") == "gzip":
             page = gzip.decompress(page)
         policy = answered.get("Content-Security-Policy", "")
-        if "connect-src 'self'" not in policy or _WATCHFUL not in page:
+        if "connect-src 'self'" not in policy or SCRIPTS not in page:
             raise DoorOpenError(f"the page has no policy: {_OTHER_KIND}")
 
 
@@ -221,10 +207,10 @@ def _knock(
 
 
 @functools.lru_cache(maxsize=8)
-def _watchful(body: bytes, packed: bool) -> bytes:
-    """The page with the words that let go of a held button."""
+def _with_scripts(body: bytes, packed: bool) -> bytes:
+    """The page with words of ours before its own."""
     page = gzip.decompress(body) if packed else body
-    page = page.replace(b"<head>", b"<head>" + _WATCHFUL, 1)
+    page = page.replace(b"<head>", b"<head>" + SCRIPTS, 1)
     return gzip.compress(page) if packed else page
 
 
@@ -232,7 +218,7 @@ def _dressed(answer: Any, host: str) -> Any:
     """The page with its policy."""
     if answer is None:
         return None
-    answer.body = _watchful(answer.body, answer.headers.get("Content-Encoding") == "gzip")
+    answer.body = _with_scripts(answer.body, answer.headers.get("Content-Encoding") == "gzip")
     del answer.headers["Content-Length"]
     answer.headers["Content-Length"] = str(len(answer.body))
     answer.headers["Content-Security-Policy"] = _POLICY.format(host=host)

@@ -13,6 +13,8 @@ from collections.abc import Iterable
 
 from sjerk.host import Event, EventKind
 
+#: Among so many lines an equal refusal is counted.
+_REFUSALS = 40
 _KEPT = 200
 
 
@@ -24,6 +26,11 @@ class Journal:
     ...     journal.tell("halt")
     >>> [line.partition(" ")[2] for line in journal.lines()]
     ['halt (3 times)']
+    >>> for _ in range(3):
+    ...     journal.refuse("no file")
+    ...     journal.refuse("no speed")
+    >>> [line.partition(" ")[2] for line in journal.lines()]
+    ['no speed (3 times)', 'no file (3 times)', 'halt (3 times)']
     """
 
     def __init__(self) -> None:
@@ -32,16 +39,28 @@ class Journal:
         self.changes = 0
 
     def tell(self, text: str, *, bad: bool = False, count: int = 1) -> None:
-        """One line more."""
+        """One line more; an equal one just before is counted."""
+        self._tell(text, 1, bad=bad, count=count)
+
+    def refuse(self, text: str) -> None:
+        """What was asked for, and is not done; an equal line of the last ones is counted.
+
+        Whoever asks again and again, for this and that, does not push the rest out of sight.
+        """
+        self._tell(text, _REFUSALS, bad=True, count=1)
+
+    def _tell(self, text: str, near: int, *, bad: bool, count: int) -> None:
         now = time.strftime("%H:%M:%S")
         with self._lock:
             self.changes += 1
-            if self._lines and self._lines[-1][1] == text:
-                last = self._lines[-1]
-                assert isinstance(last[2], int)
-                last[0], last[2] = now, last[2] + count
-            else:
-                self._lines.append([now, text, count, bad])
+            for k in range(1, 1 + min(near, len(self._lines))):
+                if self._lines[-k][1] == text:
+                    known = self._lines[-k][2]
+                    assert isinstance(known, int)
+                    count += known
+                    del self._lines[-k]
+                    break
+            self._lines.append([now, text, count, bad])
 
     def events(self, events: Iterable[Event]) -> None:
         """Events of the kernel; cycles left out are summed up, else they would flood the rest."""

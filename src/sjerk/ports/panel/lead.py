@@ -10,7 +10,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 
 from sjerk.errors import HostTakenError, InputError, SjerkError
 from sjerk.host import Blocks, Host, Path
@@ -116,16 +116,17 @@ class Lead:
             return
         self._halt(host)
         users, self._users = self._users, []
-        for end in users:  # nobody else may use the host when it is closed
-            end()
-        if users:  # one may have begun a motion beside the stop
-            self._halt(host)
-        self._look_at_path("the lead is given back")
-        self._path = None
-        with suppress(SjerkError, OSError):
-            host.watch(None)
-        with suppress(SjerkError, OSError):
-            host.close()
+        with ExitStack() as leaving:  # whatever one of these raises, the host is closed
+            leaving.enter_context(suppress(SjerkError, OSError))
+            leaving.callback(host.close)
+            leaving.enter_context(suppress(SjerkError, OSError))
+            leaving.callback(host.watch, None)
+            for end in users:  # nobody else may use the host when it is closed
+                end()
+            if users:  # one may have begun a motion beside the stop
+                self._halt(host)
+            self._look_at_path("the lead is given back")
+            self._path = None
 
     def _halt(self, host: Host) -> None:
         with suppress(SjerkError, OSError):

@@ -6,6 +6,7 @@ Each order is checked by the desk, whatever this page shows. Never here: plannin
 from __future__ import annotations
 
 import html
+import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
@@ -42,7 +43,7 @@ class Page:
         self, desk: Desk, client: Any, role: Role, *, now: Any, signals: Any, timing: Any
     ) -> None:
         self._locked: list[Any]
-        self._answers = 0
+        self._answers, self._saying = 0, threading.Lock()
         self.desk, self.client, self.role = desk, client, role
         self.browser: int = client.client_id
         gui = client.gui
@@ -59,7 +60,7 @@ class Page:
             self._stop()
 
         self.stop.on_click(stop)
-        self.signals = Signals(gui, desk, signals, download=self._download, do=self.do)
+        self.signals = Signals(gui, desk, signals, download=self._download, page=self)
         self.timing = TimingTab(gui, timing)
         if role == "lead":
             with signals:
@@ -78,7 +79,7 @@ class Page:
                 "<div style='padding:4px 10px'>This link only views; STOP works.</div>", order=0.3
             )
         dark = gui.add_checkbox("Dark", True, order=9.0)
-        dark.on_update(lambda _: self._theme(bool(dark.value)))
+        self.on_input(dark, lambda: self._theme(bool(dark.value)))
         self.refresh()
 
     def _orders(self, gui: Any, now: Any) -> None:
@@ -86,7 +87,13 @@ class Page:
             self.take = gui.add_button("Take the lead", icon=viser.Icon.STEERING_WHEEL, order=3.0)
             self.power = gui.add_button_group("Drives", ("Enable", "Disable", "Reset"), order=4.0)
         self.take.on_click(lambda _: self.do(self._toggle))
-        self.on_press(self.power, self._power)
+
+        async def powered(_: Any) -> None:
+            stops, word = self.desk.lead.stops, str(self.power.value)
+            with suppress(RuntimeError):  # the panel ends
+                self.desk.workers.submit(self.do, lambda: self._power(stops, word))
+
+        self.power.on_click(powered)
         group = gui.add_tab_group(order=0.4)
         with group.add_tab("Plan"):
             self.plan = PlanTab(self, gui)
@@ -110,30 +117,44 @@ class Page:
         """Run an order of this browser; what is refused is told in its page."""
         try:
             work()
-        except RuntimeError:  # of viser (server.py): the order is given, its answer may be late
-            return
         except (SjerkError, TimeoutError, OSError) as fault:
             self.say(str(fault), bad=True)
-            self.desk.journal.tell(f"browser {self.browser}: {fault}", bad=True)
+            self.desk.journal.refuse(f"browser {self.browser}: {fault}")
+        except RuntimeError as fault:  # of viser
+            self.desk.journal.refuse(f"browser {self.browser}: {fault}")
 
-    def on_press(self, button: Any, work: Callable[[int], object]) -> None:
+    def on_input(self, handle: Any, work: Callable[[], object]) -> None:
+        """What follows an input, or a press that takes no time: at once, in the order of both.
+
+        On the event loop: what is typed next is not before it, and no press overtakes it.
+        """
+
+        async def came(_: Any) -> None:
+            self.do(work)
+
+        (handle.on_click if hasattr(handle, "on_click") else handle.on_update)(came)
+
+    def on_press(self, button: Any, work: Callable[[int], object], *, plans: bool = False) -> None:
         """A button that moves something: ``work`` gets the number of stops when it was pressed.
 
         So that nothing begins to move after a stop that was pressed later, however long it waits.
+        ``plans``: it waits for the plans that were ordered before.
         """
+        pool = self.desk.planner if plans else self.desk.workers
 
         async def pressed(_: Any) -> None:
             stops = self.desk.lead.stops
             with suppress(RuntimeError):  # the panel ends
-                self.desk.workers.submit(self.do, lambda: work(stops))
+                pool.submit(self.do, lambda: work(stops))
 
         button.on_click(pressed)
 
     def say(self, text: str, *, bad: bool = False) -> None:
         """One line under the buttons."""
         colour = "#e03131" if bad else "#2f9e44"
-        self._answers += 1
-        with suppress(RuntimeError):  # the browser has left meanwhile
+        # The last one stays. A browser may have left meanwhile: viser refuses its elements.
+        with suppress(RuntimeError), self._saying, self.client.atomic():
+            self._answers += 1
             self.said.content = (
                 f"<div class='sjerk-said' data-answer='{self._answers}' "
                 f"style='padding:4px 10px;font-size:13px;overflow-wrap:anywhere;color:{colour}'>"
@@ -146,10 +167,9 @@ class Page:
         if self.role != "lead":
             return
         leads = self.desk.lead.browser == self.browser
-        with suppress(RuntimeError):
-            self.take.label = "Give back the lead" if leads else "Take the lead"
-            for one in self._locked:
-                one.disabled = not leads
+        self.take.label = "Give back the lead" if leads else "Take the lead"
+        for one in self._locked:
+            one.disabled = not leads
 
     def tick(self) -> None:
         """Some times a second: what follows the kernel by itself."""
@@ -171,13 +191,15 @@ class Page:
         lead = self.desk.lead
         if lead.browser == self.browser:
             self.desk.left(self.browser, "given back")
+            self.refresh()
             self.say("the lead is given back")
         else:
             lead.take(self.browser)
+            self.refresh()
             self.say("this browser leads")
 
-    def _power(self, stops: int) -> None:
-        lead, word = self.desk.lead, str(self.power.value)
+    def _power(self, stops: int, word: str) -> None:
+        lead = self.desk.lead
         if word == "Reset":
             lead.reset(self.browser)
             self.say("faults are reset")

@@ -33,7 +33,6 @@ class PlanTab:
         self._page, self._desk = page, page.desk
         desk = self._desk
         self._agreed: Proposal | None = None
-        self._quiet = False
         self._over = True
         self._sliders = []
         for i, name in enumerate(desk.names):
@@ -47,7 +46,7 @@ class PlanTab:
                 step=0.001,
                 initial_value=_within(at, low, high),
             )
-            slider.on_update(lambda _: self._dragged())
+            self._bind(slider, i)
             self._sliders.append(slider)
         self._near = gui.add_html("")
         with gui.add_folder("Poses", expand_by_default=False):
@@ -63,7 +62,7 @@ class PlanTab:
                     "rpy [deg]", _rounded(np.degrees(turn_of(pose[:3, :3])), 2), step=0.1
                 )
                 self._reach = gui.add_button("Set goal to flange pose")
-                self._reach.on_click(lambda _: page.do(self._reached))
+                page.on_input(self._reach, self._reached)
         with gui.add_folder("Scaling", expand_by_default=True):
             self._scale = [
                 gui.add_slider(name, min=0.01, max=1.0, step=0.01, initial_value=_FIRST)
@@ -77,12 +76,12 @@ class PlanTab:
             "Hold to run", color="teal", hint="moves while held, rests on the path when let go"
         )
         self._speed = gui.add_slider("Speed now", min=0.0, max=2.0, step=0.01, initial_value=1.0)
-        self._go.on_click(lambda _: page.do(self._posed))
+        page.on_input(self._go, self._posed)
         self._keep.on_click(lambda _: page.do(self._kept))
-        self._plan.on_click(lambda _: page.do(self._planned))
+        page.on_press(self._plan, lambda _: self._planned(), plans=True)
         page.on_press(self._run, self._executed)
-        page.on_press(self._both, self._planned_and_executed)
-        self._speed.on_update(lambda _: page.do(self._sped))
+        page.on_press(self._both, self._planned_and_executed, plans=True)
+        page.on_input(self._speed, self._sped)
 
         async def held(_: Any) -> None:
             page.do(self._held)
@@ -98,26 +97,26 @@ class PlanTab:
 
     # ---- the goal
 
-    def _dragged(self) -> None:
-        if self._quiet or self._desk.lead.browser != self._page.browser:
-            return  # the goal that is shown is the leader's
-        goal = self._desk.goal.tolist()
-        values = [
-            at if _within(at, s.min, s.max) == s.value else s.value
-            for s, at in zip(self._sliders, goal, strict=True)
-        ]
-        if values != goal:
-            self._page.do(lambda: self._desk.set_goal(self._page.browser, values))
+    def _bind(self, slider: Any, axis: int) -> None:
+        async def moved(event: Any) -> None:
+            if event.client_id is not None:  # by a person
+                self._page.do(lambda: self._dragged(axis))
 
-    def _show_goal(self) -> None:
+        slider.on_update(moved)
+
+    def _dragged(self, axis: int) -> None:
+        """One slider was moved: the other axes stay where the goal has them, to the last bit."""
+        if self._desk.lead.browser != self._page.browser:
+            return  # the goal that is shown is the leader's
+        goal, slider = self._desk.goal.tolist(), self._sliders[axis]
+        if slider.value != _within(goal[axis], float(slider.min), float(slider.max)):
+            goal[axis] = slider.value
+            self._desk.set_goal(self._page.browser, goal)
+
+    def show_goal(self) -> None:
         """Bring the sliders to the goal, which stays as it is to the last bit."""
-        self._quiet = True
-        try:
-            for i, slider in enumerate(self._sliders):
-                low, high = float(slider.min), float(slider.max)
-                slider.value = _within(float(self._desk.goal[i]), low, high)
-        finally:
-            self._quiet = False
+        for slider, at in zip(self._sliders, self._desk.goal.tolist(), strict=True):
+            slider.value = _within(at, float(slider.min), float(slider.max))
 
     def _posed(self) -> None:
         desk, browser = self._desk, self._page.browser
@@ -125,7 +124,7 @@ class PlanTab:
             desk.set_goal(browser, np.clip(desk.commanded(), desk.lower, desk.upper).tolist())
         else:
             desk.go_to_pose(browser, self._pose.value)
-        self._show_goal()
+        self.show_goal()
 
     def _kept(self) -> None:
         before = self._pose.value if self._keep.value == "Rename" else None
@@ -137,7 +136,7 @@ class PlanTab:
         degrees = numbers("rpy", self._turn.value, names, -360.0, 360.0)
         turn = [math.radians(angle) for angle in degrees]
         self._desk.reach(self._page.browser, self._place.value, turn)
-        self._show_goal()
+        self.show_goal()
         self._page.say("the goal is set: these angles bring the flange there")
 
     # ---- orders

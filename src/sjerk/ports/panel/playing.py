@@ -5,6 +5,7 @@ Never here: following, reading files.
 
 from __future__ import annotations
 
+import threading
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -41,6 +42,7 @@ class PlayTab:
         self._trajectory: Trajectory | None = None
         self._executor: TrajectoryExecutor | None = None
         self._goal: GoalHandle | None = None
+        self._drawing = threading.Lock()
         self._file = gui.add_dropdown("File", tuple(self._files) or (_NONE,))
         modes = tuple(mode.value for mode in ExecutionMode)
         every = ExecutionMode.FULL_TRAJECTORY.value
@@ -122,6 +124,10 @@ class PlayTab:
         return resample(position, delta) if delta > 0.0 else np.arange(len(position))
 
     def _draw(self) -> None:
+        with self._drawing:  # what was chosen last is drawn last
+            self._drawn()
+
+    def _drawn(self) -> None:
         trajectory = self._trajectory
         if trajectory is None:
             return
@@ -143,6 +149,7 @@ class PlayTab:
     def _gone_to_start(self) -> None:
         trajectory = self._trajectory or self._read()
         self._desk.set_goal(self._page.browser, np.asarray(trajectory.position)[0].tolist())
+        self._page.plan.show_goal()
         self._page.say("the goal is the first point: plan and execute in Plan")
 
     def _played(self, stops: int) -> None:

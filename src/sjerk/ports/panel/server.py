@@ -13,6 +13,7 @@ import math
 import threading
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -32,7 +33,6 @@ from sjerk.ports.panel.watching import Watching
 
 #: Frames, plots and texts per second.
 FRAMES, PLOTS, TEXTS = 40.0, 10.0, 5.0
-_TRIES = 5
 
 
 class PanelServer:
@@ -81,7 +81,9 @@ class PanelServer:
         logging.getLogger("asyncio").addFilter(self._noise)
         self.board = Board(self.server, self.desk)
         self._pages: dict[int, Page] = {}
-        self._building = threading.Lock()
+        self._gone: set[int] = set()  # browsers that have left before their page was made
+        self._coming, self._building = threading.Lock(), threading.Lock()
+        self._leaving = ThreadPoolExecutor(4, thread_name_prefix="leaving")
         self._end = threading.Event()
         self.server.on_client_connect(self._came)
         self.server.on_client_disconnect(self._left)
@@ -102,30 +104,32 @@ class PanelServer:
         await asyncio.get_running_loop().run_in_executor(None, self._open, client, role)
 
     def _open(self, client: Any, role: Role) -> None:
-        with self._building:  # one at a time enters a container
-            board = self.board
-            for _ in range(_TRIES):
-                try:
-                    page = Page(
-                        self.desk,
-                        client,
-                        role,
-                        now=board.now,
-                        signals=board.signals,
-                        timing=board.timing,
-                    )
-                except RuntimeError:  # as in ``run``; or it has left already
-                    with suppress(RuntimeError):
-                        client.gui.reset()
-                    continue
-                self._pages[client.client_id] = page
-                break
-        self.journal.tell(f"browser {client.client_id} is here, to {role}")
+        browser: int = client.client_id
+        board = self.board
+        # One at a time enters a container. The browser gets its page once it is whole: what is
+        # pressed in it is answered from the first moment on.
+        with self._building, client.atomic():
+            page = Page(
+                self.desk, client, role, now=board.now, signals=board.signals, timing=board.timing
+            )
+        self.journal.tell(f"browser {browser} is here, to {role}")
+        with self._coming:
+            if browser in self._gone:
+                self._gone.remove(browser)
+            else:
+                self._pages[browser] = page
 
-    def _left(self, client: Any) -> None:
-        self._pages.pop(client.client_id, None)
-        self.journal.tell(f"browser {client.client_id} has left")
-        self.desk.left(client.client_id, "it has left: halted")
+    async def _left(self, client: Any) -> None:
+        # in threads that nothing else has: what it started ends, whatever is waited for elsewhere
+        await asyncio.get_running_loop().run_in_executor(self._leaving, self._close, client)
+
+    def _close(self, client: Any) -> None:
+        browser: int = client.client_id
+        with self._coming:
+            if self._pages.pop(browser, None) is None:
+                self._gone.add(browser)
+        self.journal.tell(f"browser {browser} has left")
+        self.desk.left(browser, "it has left: halted")
 
     # ---- the one loop that reads
 
@@ -137,13 +141,13 @@ class PanelServer:
         while not self._end.is_set() and time.monotonic() < until:
             feedback = self.watching.feedback()
             now = time.monotonic()
-            # viser wakes its event loop from other threads without a lock: what fails then is only
-            # the waking, and the next message does it. Handles of a browser that has left fail too.
-            with suppress(RuntimeError):
+            try:
                 if feedback is None:
                     self._again()
                 else:
                     self._show(feedback, now, due_for)
+            except RuntimeError as fault:  # of viser: the next frame is another one
+                self.journal.tell(f"a frame is left out: {fault}", bad=True)
             due = max(due + 1.0 / FRAMES, time.monotonic())
             self._end.wait(due - time.monotonic())
 
@@ -170,6 +174,7 @@ class PanelServer:
         self._end.set()
         self.desk.close()
         self._stop_server()
+        self._leaving.shutdown(wait=False)
         logging.getLogger("asyncio").removeFilter(self._noise)
         self.watching.close()
 
@@ -218,8 +223,10 @@ class PanelServer:
         self._each(_refreshed)
 
     def _each(self, work: Callable[[Page], None]) -> None:
-        for page in list(self._pages.values()):
-            with suppress(RuntimeError):
+        with self._coming:
+            pages = list(self._pages.values())
+        for page in pages:
+            with suppress(RuntimeError):  # its browser has left meanwhile
                 work(page)
 
 

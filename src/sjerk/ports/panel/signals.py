@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,9 @@ from sjerk.errors import InputError, SjerkError
 from sjerk.extras import load
 from sjerk.ports.panel.desk import Desk, numbers
 from sjerk.ports.panel.scope import Scope, Snapshot
+
+if TYPE_CHECKING:
+    from sjerk.ports.panel.page import Page
 
 _ALL = "all axes, % of limit"
 #: Seconds that a picture has at least.
@@ -37,7 +40,7 @@ _TITLES = {
 
 
 class Signals:
-    """In a tab that all share; ``download`` sends a file to this browser, ``do`` runs an order."""
+    """In a tab that all share; ``download`` sends a file to the browser of ``page``."""
 
     def __init__(
         self,
@@ -46,7 +49,7 @@ class Signals:
         tab: Any,
         *,
         download: Callable[[str, bytes], None],
-        do: Callable[[Callable[[], object]], None],
+        page: Page,
     ) -> None:
         self._desk, self._download = desk, download
         self._frozen: Snapshot | None = None
@@ -68,11 +71,11 @@ class Signals:
             )
             self._plots = self._one_axis(gui)
             self._shares = self._all_axes(gui)
-        self._act.on_click(lambda _: do(self._acted))
-        self._save.on_click(lambda _: do(self._saved))
-        self._axis.on_update(lambda _: self._chosen())
-        self._span.on_update(lambda _: self._touched())
-        self._bounds.on_update(lambda _: self._touched())
+        page.on_input(self._act, self._acted)
+        self._save.on_click(lambda _: page.do(self._saved))
+        page.on_input(self._axis, self._chosen)
+        page.on_input(self._span, self._touched)
+        page.on_input(self._bounds, self._touched)
 
     def _one_axis(self, gui: Any) -> dict[str, Any]:
         flat, ends = np.zeros(2), np.array([-8.0, 0.0])
