@@ -23,7 +23,10 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
-FLAGS = "-std=c11 -O3 -ffp-contract=off -fno-trapping-math -fno-math-errno -fvisibility=hidden -fPIC -fno-lto"
+FLAGS = (
+    "-std=c11 -O3 -ffp-contract=off -fno-trapping-math -fno-math-errno"
+    " -fvisibility=hidden -fPIC -fno-lto"
+)
 #: Sections that tell of the compiler or the file, not of the code.
 _ABOUT = re.compile(r"\.(comment|note|debug|strtab|shstrtab|symtab)")
 _RELOCATION = re.compile(r"^([0-9a-f]{8,}) (\S+) +(\S+?)((?:[+-]0x[0-9a-f]+)?)$")
