@@ -15,7 +15,8 @@ import ruckig
 
 from helpers.following_check import Array, T, recording, recording_keeps
 from sjerk import Limits, Trajectory, follow
-from sjerk.trajectory.segments import Followed
+from sjerk.trajectory.entering import Entry
+from sjerk.trajectory.segments import Followed, Knot
 
 RUNS = int(os.environ.get("SJERK_PATHS", "30"))
 
@@ -93,3 +94,24 @@ def test_asking_for_less_never_takes_longer(seed: int) -> None:
     assert fast <= 1.04 * taken[0]
     for pace, cycles in ((1.1, taken[2]), (2.0, taken[3])):
         assert cycles <= np.ceil(pace * float(motion.found.duration) / T) + 1
+
+
+@pytest.mark.parametrize("seed", range(RUNS // 3))
+@pytest.mark.parametrize("away", [False, True])
+def test_a_goal_from_rest_loses_little(seed: int, away: bool) -> None:
+    """As an executor plays it, there already or with half a second to the first way-point."""
+    motion = Motion(2000 + seed)
+    way = motion.sampled()
+    way = Trajectory(way.joint_names, way.time + 0.5, way.position, way.velocity)
+    begin = way.position[0] + (0.01 if away else 0.0)
+    entry = Entry(motion.limits, T, use_velocities=motion.velocities)
+    made = entry.enter(way, Knot.rest(begin), 0.0)
+    blocks = list(made.blocks)
+    position, _ = recording(blocks)
+    recording_keeps(position, motion.limits)
+    assert np.array_equal(position[-1], way.position[-1])
+    late = (len(position) - 1) * T - way.time[-1]
+    assert late <= 0.1 + 0.2 * (way.time[-1] - way.time[0]) + 0.01
+    assert len(made.points) == sum(len(block) for block in blocks)
+    assert made.points[-1] == len(way) - 1
+    assert (np.diff(made.points) >= 0).all()

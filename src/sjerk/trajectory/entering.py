@@ -1,7 +1,8 @@
 """Ways onto a trajectory: from rest or in motion, onto its way-points whose time is not over.
 
 ``Entry.enter`` chooses among the spline from the state that is reached and planned motions to the
-first way-point ahead; ``docs/explanation/trajectories.md``. Never here: shared memory, drives.
+first way-point ahead; from rest also the motion in the trajectory's own time, where the others lose
+much; ``docs/explanation/trajectories.md``. Never here: shared memory, drives.
 """
 
 from __future__ import annotations
@@ -12,14 +13,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sjerk.errors import InputError, PlanError
+from sjerk.errors import InputError, PlanError, SjerkError
 from sjerk.profile import FloatArray, Limits
 from sjerk.trajectory.faults import TrajectoryError
+from sjerk.trajectory.following import follow
 from sjerk.trajectory.joining import join
 from sjerk.trajectory.segments import Followed, IntArray, Knot, dwell
-from sjerk.trajectory.stretching import BLOCK, stretched
+from sjerk.trajectory.stretching import BLOCK, limits_per_cycle, stretched
 from sjerk.trajectory.thinning import follow_within
 from sjerk.trajectory.trajectory import Trajectory
+from sjerk.trajectory.window import units
 
 #: Closer to its first way-point a motion needs no ramp; axis units.
 _THERE = 1e-9
@@ -27,6 +30,9 @@ _THERE = 1e-9
 _HEAD, _SECONDS = 64, 1.0
 #: Way-points handed out at a time where the motion before does not wait for them.
 _BLOCK = 512
+#: Way-points at most, and what the others lose, in seconds and as a share of the time, so that it
+#: pays to begin later by the planning of a motion in own time.
+_PLANNED, _LOST, _SHARE_LOST = 4096, 0.1, 0.2
 #: Shares of a way-point's velocity to pass it with.
 _SHARES = (1.0, 0.75, 0.5, 0.25, 0.0)
 
@@ -70,7 +76,10 @@ class Entry:
         first = min(int(np.searchsorted(way.time, due)), len(way) - 1)
         left = way.take(np.arange(first, len(way)))
         ahead = float(left.time[0]) - elapsed
-        made = (self._in_motion if knot.moving else self._from_rest)(left, knot, ahead)
+        if knot.moving:
+            made = self._in_motion(left, knot, ahead)
+        else:
+            made = self._own_time(self._from_rest(left, knot, ahead), left, knot, ahead)
         return Entered(_numbered(made.blocks, way.joint_names), made.points + first)
 
     def _from_rest(self, left: Trajectory, knot: Knot, ahead: float) -> Entered:
@@ -91,18 +100,62 @@ class Entry:
         ramp = join(knot, left.position[0], self.limits, T)
         return self._led(ramp, left, Knot.of(ramp))
 
+    def _own_time(self, made: Entered, left: Trajectory, knot: Knot, ahead: float) -> Entered:
+        """That motion, or the one in the trajectory's own time where that ends far sooner."""
+        n, T = len(left), self.cycle_time
+        there = bool((np.abs(left.position[0] - knot.position) <= _THERE).all())
+        if self.tolerance or not 2 <= n <= _PLANNED or not (there or ahead >= 2.0 * T):
+            return made
+        blocks = list(made.blocks)
+        kept = Entered(iter(blocks), made.points)
+        moments, position = left.time - left.time[0] + ahead, left.position
+        lost = _cycles(blocks) * T - moments[-1]
+        if lost <= _LOST + _SHARE_LOST * (moments[-1] - ahead):
+            return kept
+        velocity = None if left.velocity is None else left.velocity.copy()
+        wait = int(ahead / T) if there else 0
+        if there:
+            moments, position = moments - ahead, np.vstack([knot.position, position[1:]])
+            if velocity is not None:
+                velocity[0] = 0.0
+        else:
+            moments, position = np.append(0.0, moments), np.vstack([knot.position, position])
+            if velocity is not None:
+                velocity = np.vstack([0.0 * knot.position, velocity])
+        near = units(limits_per_cycle(self.limits, T), np.ptp(position, axis=0), None)
+        try:
+            own = list(
+                follow(
+                    Trajectory(left.joint_names, moments, position, velocity),
+                    self.limits,
+                    T,
+                    tolerance=near,
+                    use_velocities=self.use_velocities,
+                )
+            )
+        except SjerkError:
+            return kept
+        if _cycles(own) + wait >= _cycles(blocks):
+            return kept
+        points = np.concatenate([block.ahead for block in own]) - (0 if there else 1)
+        points = np.append(np.clip(points[:-1], 0, n - 1), n - 1)  # those in one cycle are one
+        if wait:
+            own = [dwell(knot.position, wait, T), *own]
+            points = np.concatenate([np.zeros(len(own[0]), dtype=np.int64), points])
+        return Entered(iter(own), points)
+
     def _in_motion(self, left: Trajectory, knot: Knot, ahead: float) -> Entered:
         """The way on which the next way-points are passed soonest; by trial on those only."""
         near = int(np.searchsorted(left.time, left.time[0] + _SECONDS, side="right"))
         short = left.take(np.arange(min(max(near, _HEAD), len(left))))
-        soonest = ahead + short.duration + 3.0 * self.cycle_time
+        soonest = ahead + short.time[-1] - short.time[0] + 3.0 * self.cycle_time
         best: tuple[float, _Way] | None = None
         for way in self._ways(left, knot, ahead):
             try:
                 blocks = list(way(short).blocks)
             except (PlanError, InputError, TrajectoryError):
                 continue
-            taken = sum(int(block.cycles.sum()) for block in blocks) * self.cycle_time
+            taken = _cycles(blocks) * self.cycle_time
             if (best is None or taken < best[0]) and self._stays(blocks):
                 best = taken, way
                 if taken <= soonest:
@@ -193,6 +246,10 @@ class Entry:
 
 
 _Way = Callable[[Trajectory], Entered]
+
+
+def _cycles(blocks: Sequence[Followed]) -> int:
+    return sum(int(block.cycles.sum()) for block in blocks)
 
 
 def _numbered(blocks: Iterator[Followed], names: tuple[str, ...]) -> Iterator[Followed]:
