@@ -368,7 +368,7 @@ def test_stamps() -> None:
     positions = machine.finish(goal)[rows:]
     assert goal.status is GoalStatus.SUCCEEDED
     assert not (positions == WAY[3]).all(axis=1).any()
-    assert (positions == WAY[-2]).all(axis=1).any()
+    assert np.abs(positions - WAY[-2]).max(axis=1).min() < 2e-3  # between two cycles, perhaps
     old = machine.executor.submit(smooth(), stamp=machine.time() - 1.5)
     assert old.code is ResultCode.OLD_HEADER_TIMESTAMP
 
