@@ -105,7 +105,7 @@ def frames(process: PanelProcess, seconds: float) -> bool:
                 sent = time.monotonic()
                 while len(stamps) == since and time.monotonic() - sent < 0.2:
                     time.sleep(0.0005)
-                if len(stamps) > since:
+                if len(stamps) > since and sign * newest.axes[0].velocity > 0.0:  # else it rests
                     ages.append(stamps[-1] - newest.time_ns * 1e-9)
                 time.sleep(0.03)
             client.click(label)
