@@ -26,7 +26,7 @@ from sjerk.ports.ros.leading import KernelOf, joints_of, lead
 from sjerk.ports.ros.messages import Rows
 from sjerk.ports.ros.orders import LONGEST, Order
 from sjerk.ports.ros.parameters import CONTROL
-from sjerk.ports.ros.ros2_life import Waits, checks, declare, run, stops
+from sjerk.ports.ros.ros2_life import Waits, checks, declare, run, stops, turned
 from sjerk.ports.ros.ros2_status import MotionStates, diagnostics, joint_state
 from sjerk.ports.ros.status import check, check_start, statuses, warnings
 from sjerk.trajectory.columns import seconds
@@ -117,10 +117,8 @@ class ControlNode(Node):  # type: ignore[misc]
         if not self._every:
             executor.spin_once(timeout_sec=0.1)
             return
-        for _ in range(100):
-            before = self._following.counts["goals"]
-            executor.spin_once(timeout_sec=0.0)
-            if self._following.counts["goals"] == before:
+        for _ in range(100):  # no timer keeps a goal from being read
+            if not turned(executor):
                 break
         self._due = max(self._due + self._every, time.monotonic())
         time.sleep(max(0.0, self._due - time.monotonic()))

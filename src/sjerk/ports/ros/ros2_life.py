@@ -14,7 +14,7 @@ from typing import Any
 import rclpy
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.callback_groups import ReentrantCallbackGroup
-from rclpy.executors import SingleThreadedExecutor
+from rclpy.executors import ShutdownException, SingleThreadedExecutor, TimeoutException
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
@@ -125,6 +125,19 @@ class Waits:
             else:
                 still.append((condition, end, future))
         self._waiting = still
+
+
+def turned(executor: SingleThreadedExecutor) -> bool:
+    """Run one callback that is ready, a timer's too; whether there was one."""
+    try:
+        task, _, _ = executor.wait_for_ready_callbacks(timeout_sec=0.0)
+    except (TimeoutException, ShutdownException):
+        return False
+    task()
+    error = task.exception()
+    if error is not None:
+        raise error
+    return True
 
 
 def run(make: Callable[[], Any], arguments: Sequence[str] | None) -> int:
