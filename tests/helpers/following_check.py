@@ -181,3 +181,24 @@ def toppra_plan(period: float, seed: int = 0, points: int = 5) -> Trajectory:
     velocity = plan(time, 1)
     velocity[0] = velocity[-1] = 0.0
     return Trajectory([f"panda_joint{i}" for i in range(1, 8)], time, plan(time), velocity)
+
+
+#: Ways of one joint that reverse, repeat and coincide.
+SHAPES = {
+    "reverse": [0.0, 0.5, 0.0, 0.5, 0.0],
+    "repeat": [0.0, 0.3, 0.3, 0.3, 0.6],
+    "coincide": [0.0, 0.4, 0.0, 0.4, 0.0, 0.0],
+    "nowhere": [0.2, 0.2],
+    "one move": [0.0, 1.0],
+    "two": [0.0, 1.0, -1.0],
+}
+
+
+def wave(n: int, period: float, joints: int = 7, amplitude: float = 0.25) -> Trajectory:
+    """A smooth motion from rest to rest, well inside the limits."""
+    t = np.arange(n) * period
+    ease = np.sin(np.pi * np.arange(n) / (n - 1)) ** 4
+    q = np.column_stack(
+        [amplitude * np.sin(2.0 * np.pi * (0.2 + 0.02 * k) * t + k) for k in range(joints)]
+    )
+    return Trajectory([f"j{k}" for k in range(joints)], t, q * ease[:, None])

@@ -11,6 +11,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
+import pytest
 from playwright.sync_api import Browser, BrowserType, Page, sync_playwright
 
 from sjerk import Monitor
@@ -18,6 +19,7 @@ from sjerk.host import PathState
 
 #: Program and folders of libraries, as tools/chromium.sh tells them.
 PROGRAM = os.environ.get("SJERK_CHROMIUM", "")
+needs_browser = pytest.mark.skipif(not PROGRAM, reason="no chromium, and none by apt")
 #: viser's sorter of splats wants to compile text; the policy refuses, and it is not needed.
 KNOWN = "Evaluating a string as JavaScript violates"
 #: A folder for pictures of the page, made by the tests for the documentation; "": none are made.

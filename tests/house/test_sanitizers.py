@@ -20,6 +20,11 @@ def found(pattern: str) -> list[Path]:
     return files
 
 
+#: Of many rows at once, in lanes.
+MANY = (
+    "test_many_plans_are_one_by_one_whatever_the_number_and_survive_pickling",
+    "test_rows_planned_at_once_have_the_bits_of_rows_planned_alone",
+)
 #: Tests of the C rooms that need no process of their own.
 CHOSEN = [
     *(
@@ -29,6 +34,7 @@ CHOSEN = [
             "kernel/test_kernel.py",
             "base/test_interpolator.py",
             "trajectory/test_following.py",
+            "trajectory/test_stretching.py",
             "trajectory/test_quadratic.py",
             "executor/test_playing.py",
             "cycle/test_ahead.py",
@@ -42,6 +48,7 @@ CHOSEN = [
         )
         for path in found(chosen)
     ),
+    *(f"{TESTS}/planner/test_planning.py::{test}" for test in MANY),
     "-k",
     "not process and not killed and not leaving and not second_host and not million "
     "and not 10000000 and not random_ways and not panda and not shipped "

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from helpers.following_check import (
     PANDA,
+    SHAPES,
     Array,
     T,
     commanded_at,
@@ -20,6 +21,7 @@ from helpers.following_check import (
     recording,
     recording_keeps,
     toppra_plan,
+    wave,
 )
 from sjerk import (
     InputError,
@@ -69,16 +71,6 @@ def ends(blocks: list[Followed]) -> Array:
 
 def largest(blocks: list[Followed]) -> float:
     return max(block.passed.largest for block in blocks)
-
-
-def wave(n: int, period: float, joints: int = 7, amplitude: float = 0.25) -> Trajectory:
-    """A smooth motion from rest to rest, well inside the limits."""
-    t = np.arange(n) * period
-    ease = np.sin(np.pi * np.arange(n) / (n - 1)) ** 4
-    q = np.column_stack(
-        [amplitude * np.sin(2.0 * np.pi * (0.2 + 0.02 * k) * t + k) for k in range(joints)]
-    )
-    return Trajectory([f"j{k}" for k in range(joints)], t, q * ease[:, None])
 
 
 def quintic(duration: float, period: float, way: float = 1.0) -> Trajectory:
@@ -209,16 +201,6 @@ def test_given_velocities_are_near() -> None:
     at = np.rint(t[1:-1] / T).astype(int)
     had = (position[at + 1] - position[at - 1]) / (2 * T)
     assert np.abs(had - v[1:-1]).max() <= 0.05 * np.abs(v).max()
-
-
-SHAPES = {
-    "reverse": [0.0, 0.5, 0.0, 0.5, 0.0],
-    "repeat": [0.0, 0.3, 0.3, 0.3, 0.6],
-    "coincide": [0.0, 0.4, 0.0, 0.4, 0.0, 0.0],
-    "nowhere": [0.2, 0.2],
-    "one move": [0.0, 1.0],
-    "two": [0.0, 1.0, -1.0],
-}
 
 
 @pytest.mark.parametrize("shape", SHAPES)

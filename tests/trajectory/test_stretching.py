@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from helpers.following_check import (
     PANDA,
+    SHAPES,
     Array,
     T,
     dense,
@@ -20,6 +21,7 @@ from helpers.following_check import (
     recording,
     recording_keeps,
     toppra_plan,
+    wave,
 )
 from sjerk import InputError, Limits, Trajectory, TrajectoryError
 from sjerk.trajectory import shipped_recording
@@ -41,16 +43,6 @@ def whole(way: Trajectory, limits: list[Limits], **options: bool) -> list[Follow
     np.testing.assert_array_equal(taken, np.diff(asked) + stretch)
     assert (stretch >= 0).all()
     return blocks
-
-
-def wave(n: int, period: float, joints: int = 7, amplitude: float = 0.25) -> Trajectory:
-    """A smooth motion from rest to rest, well inside the limits."""
-    t = np.arange(n) * period
-    ease = np.sin(np.pi * np.arange(n) / (n - 1)) ** 4
-    q = np.column_stack(
-        [amplitude * np.sin(2.0 * np.pi * (0.2 + 0.02 * k) * t + k) for k in range(joints)]
-    )
-    return Trajectory([f"j{k}" for k in range(joints)], t, q * ease[:, None])
 
 
 @pytest.mark.parametrize("velocities", [True, False])
@@ -109,16 +101,6 @@ def test_given_velocities_are_had() -> None:
     )
     assert same.sum() > 35
     np.testing.assert_allclose(block.sample().velocity[cycles][same], v[same], rtol=0, atol=1e-12)
-
-
-SHAPES = {
-    "reverse": [0.0, 0.5, 0.0, 0.5, 0.0],
-    "repeat": [0.0, 0.3, 0.3, 0.3, 0.6],
-    "coincide": [0.0, 0.4, 0.0, 0.4, 0.0, 0.0],
-    "nowhere": [0.2, 0.2],
-    "one move": [0.0, 1.0],
-    "two": [0.0, 1.0, -1.0],
-}
 
 
 @pytest.mark.parametrize("shape", SHAPES)

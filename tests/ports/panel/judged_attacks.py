@@ -21,18 +21,10 @@ from playwright.sync_api import Browser
 
 from helpers.panel_bench import RANGES
 from helpers.panel_client import Client, PanelProcess, panel, until
-from helpers.panel_page import PROGRAM, chromium
+from helpers.panel_page import needs_browser
 from sjerk import Monitor
 
 ON, OFF = "door", "no door"
-needs_browser = pytest.mark.skipif(not PROGRAM, reason="no chromium, and none by apt")
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    """One for all."""
-    with chromium() as one:
-        yield one
 
 
 @pytest.fixture(scope="module")

@@ -11,16 +11,7 @@ import pytest
 from playwright.sync_api import Browser
 
 from helpers.panel_client import Client, PanelProcess, panel, until
-from helpers.panel_page import PROGRAM, Seen, chromium
-
-needs_browser = pytest.mark.skipif(not PROGRAM, reason="no chromium, and none by apt")
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    """One for all."""
-    with chromium() as one:
-        yield one
+from helpers.panel_page import Seen, needs_browser
 
 
 @pytest.fixture(scope="module")

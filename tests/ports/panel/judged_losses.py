@@ -19,22 +19,13 @@ from playwright.sync_api import Browser
 
 from helpers.panel_bench import PANDA, ROBOT
 from helpers.panel_client import PATIENCE, Client, PanelProcess, panel, until
-from helpers.panel_page import PROGRAM, Seen, at_rest, chromium, mortal
+from helpers.panel_page import Seen, at_rest, mortal, needs_browser
 from sjerk import Monitor, Recorder, Recording
 from sjerk.errors import SjerkError
-
-needs_browser = pytest.mark.skipif(not PROGRAM, reason="no chromium, and none by apt")
 
 LAST = 6
 #: A pose that is reached by turning the last joint only, for some seconds.
 TURNED = np.array([0.0, -0.785398, 0.0, -2.356194, 0.0, 1.570796, -2.7])
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    """One for all."""
-    with chromium() as one:
-        yield one
 
 
 def slower(folder: Path) -> None:

@@ -21,21 +21,14 @@ from pyarrow import parquet
 from helpers import panel_judge, panel_urdf
 from helpers.panel_bench import PANDA, RANGES, SETTINGS
 from helpers.panel_client import Client, PanelProcess, panel, until
-from helpers.panel_page import PICTURES, PROGRAM, Seen, at_rest, chromium
+from helpers.panel_page import PICTURES, Seen, at_rest, needs_browser
 from sjerk import Monitor, Recorder
 from sjerk.ports.panel.experiment import in_unit
 from sjerk.trajectory import read_recording, shipped_recording
 
 TABS = ("Signals", "Timing", "Events", "Plan", "Jog", "Scene", "Trajectories", "Demo")
 
-pytestmark = pytest.mark.skipif(not PROGRAM, reason="no chromium, and none by apt")
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    """One for all."""
-    with chromium() as one:
-        yield one
+pytestmark = needs_browser
 
 
 @pytest.fixture(scope="module")
