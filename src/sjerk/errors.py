@@ -27,7 +27,8 @@ class SjerkError(Exception):
 
     def __reduce__(self) -> tuple[Any, ...]:
         """What makes it again; Exception would call ``__init__`` with the text alone."""
-        _, _, *state = super().__reduce__()  # type: ignore[misc]
+        made = super().__reduce__()
+        state = made[2:] if isinstance(made, tuple) else ()
         return _again, (type(self), self.args), *state
 
 
@@ -175,10 +176,16 @@ class QueueFullError(SjerkError):
 
 
 class ConfigError(InputError):
-    """A value in a configuration file: ``path`` is the file, ``field`` the place in it."""
+    """A value in a configuration file: ``path`` is the file, ``field`` the place in it.
+
+    >>> print(ConfigError("robot.toml", "axes[0].limits.jerk", None, "is missing"))
+    robot.toml: axes[0].limits.jerk: is missing
+    """
 
     def __init__(self, path: str, field: str, value: object, limit: str) -> None:
         super().__init__(f"{path}: {field}", value, limit)
+        if value is None:  # no file can say it: there is no value
+            self.args = (f"{path}: {field}: {limit}",)
         self.path = path
         self.field = field
 

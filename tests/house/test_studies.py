@@ -192,4 +192,6 @@ def test_a_pickled_kernel_without_a_name_gets_its_own() -> None:
     first = MotionKernel([Axis(LIMITS, 1e6, "ideal")])
     second = pickle.loads(pickle.dumps(first))
     with first as one, second as other:
-        assert one.alive and other.alive and one.name != other.name
+        assert one.alive
+        assert other.alive
+        assert one.name != other.name

@@ -178,7 +178,10 @@ class MotionKernel:
         if self._segment is not None or self._ended:
             raise SjerkError(f"kernel {self._name!r} is in use or has ended: make a new one")
         if self.port is None and any(axis.drive == "external" for axis in self._axes):
-            raise SjerkError("external drives are for step(): nobody would exchange their image")
+            raise SjerkError(
+                "external drives are for step(), or for a bus ([ethercat] of a TOML file, which "
+                "`sjerk kernel` runs): in a process nobody would exchange their image"
+            )
         text = self._description()
         self._check_description(text)
         own = layout(len(self._axes))
