@@ -381,7 +381,8 @@ class Host(Observer):
         At a position limit it comes to rest; then the velocity is what whole cycles leave of it.
 
         One velocity for the one axis, one per axis, or by axis number; 0 brings to rest. The handle
-        is never ``done``: ``cancel`` it, or give another goal. Raises InputError.
+        is never ``done`` (of zeros alone it is, at rest): ``cancel`` it, or give another goal.
+        Raises InputError.
         """
         wanted = by_axis("velocity", velocity, self.axis_count)
         own = lower_limits(limits, wanted, self._link.limits)
@@ -419,7 +420,9 @@ class Host(Observer):
             self._link.replacing(int(command.goal_id), targets)
             self._link.publish()
             known = kind == lib.SJ_GOAL_ABSOLUTE
-            return Move(self._link, int(command.goal_id), targets, known=known, limits=own)
+            rest = kind == lib.SJ_GOAL_JOG and not any(goal.velocity for goal in targets.values())
+            goal_id = int(command.goal_id)
+            return Move(self._link, goal_id, targets, known=known, limits=own, rest=rest)
 
     def _queue(
         self,
