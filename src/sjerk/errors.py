@@ -127,8 +127,9 @@ class MotionStoppedError(SjerkError):
 
     ``positions`` are the commanded ones by axis, ``faults`` the error codes (603Fh) of the drives
     that are in a fault, by axis; ``unhomed`` the axis whose homing failed, or None; ``switches``
-    the limit switches that are closed (60FDh: 1 negative, 2 positive, 3 both), by axis. ``names``:
-    of all axes, for the text.
+    the limit switches that are closed (60FDh: 1 negative, 2 positive, 3 both), by axis;
+    ``error_stops`` the axes that are in ErrorStop without a fault of their drive (a following
+    error, a lost drive). ``names``: of all axes, for the text.
 
     >>> print(MotionStoppedError({1: 0.25}, names=["shoulder", "elbow"]))
     stopped or replaced before the goal, commanded positions: axis 1 (elbow) 0.25
@@ -142,8 +143,10 @@ class MotionStoppedError(SjerkError):
         switches: dict[int, int] | None = None,
         *,
         names: Sequence[str] = (),
+        error_stops: Sequence[int] = (),
     ) -> None:
         self.positions = positions
+        self.error_stops = tuple(error_stops)
         self.unhomed = unhomed
         self.faults = faults or {}
         self.switches = switches or {}
@@ -153,6 +156,8 @@ class MotionStoppedError(SjerkError):
         """Its text, with another way to call an axis."""
         codes = ", ".join(f"{label(i)}: {code:04X}h" for i, code in self.faults.items())
         why = f"drive fault ({codes})" if codes else "stopped or replaced"
+        if self.error_stops:
+            why += f", in ErrorStop ({', '.join(map(label, self.error_stops))})"
         if self.unhomed is not None:
             why = f"homing of {label(self.unhomed)} failed" + (f", {why}" if codes else "")
         if self.switches:
