@@ -363,9 +363,10 @@ class Host(Observer):
         caller's own loop; a source may yield None where its next block is not there yet. ``axes``:
         one per joint, else all in order. The path begins from rest at its first way-point (``move``
         there before) when the axes are at rest and no other path plays; what comes later for these
-        axes waits for its end. Returns at once; the handle shows the rest. Raises InputError, and
-        what the source of the blocks raises at first; a refusal by the kernel is raised by
-        ``Path.wait``.
+        axes waits for its end. Of axes that wrap the first way-point chooses the turn, the nearest
+        one to where the axis is then. Returns at once; the handle shows the rest. Raises
+        InputError, and what the source of the blocks raises at first; a refusal by the kernel is
+        raised by ``Path.wait``.
         """
         return play(self._link, blocks, joint_axes(axes, self.axis_count))
 
