@@ -81,7 +81,11 @@ class PlatformError(SjerkError, ImportError):
 class InfeasibleError(SjerkError, ValueError):
     """No forward profile in whole cycles covers the distance.
 
-    ``distance`` is what was asked, ``works`` one that has a profile under the same limits.
+    ``distance`` is what was asked, ``works`` one that has a profile under the same limits, both in
+    the unit of the axis.
+
+    >>> print(InfeasibleError(0.1, 2.5, "shorter than the change of velocity needs"))
+    distance = 0.1: shorter than the change of velocity needs; 2.5 works
     """
 
     def __init__(self, distance: float, works: float, why: str) -> None:
@@ -108,6 +112,9 @@ class RefusedError(SjerkError):
     """The kernel refused a goal: ``code`` (``enum sj_result``), ``reason``, ``axis`` or -1.
 
     ``names``: of all axes, for the text.
+
+    >>> print(RefusedError(3, "the drive does not follow", 1, ["shoulder", "elbow"]))
+    refused by axis 1 (elbow): the drive does not follow
     """
 
     def __init__(self, code: int, reason: str, axis: int, names: Sequence[str] = ()) -> None:
@@ -169,11 +176,19 @@ class MotionStoppedError(SjerkError):
 
 
 class SupersededError(MotionStoppedError):
-    """A newer goal took the place of this one. ``positions`` by axis."""
+    """A newer goal took the place of this one. ``positions`` by axis, in axis units.
+
+    >>> print(SupersededError({0: 0.25}))
+    stopped or replaced before the goal, commanded positions: axis 0 0.25
+    """
 
 
 class QueueFullError(SjerkError):
-    """The look-ahead takes no more now: ``capacity`` records wait. Nothing has been queued."""
+    """The look-ahead takes no more now: ``capacity`` records wait. Nothing has been queued.
+
+    >>> print(QueueFullError(512))
+    512 records wait for the kernel: wait for one of the moves
+    """
 
     def __init__(self, capacity: int) -> None:
         super().__init__(f"{capacity} records wait for the kernel: wait for one of the moves")
@@ -196,7 +211,12 @@ class ConfigError(InputError):
 
 
 class KernelGoneError(SjerkError):
-    """The kernel's process has ended."""
+    """The kernel's process has ended: whatever was to be waited for does not come.
+
+    >>> raise KernelGoneError("the kernel ended while waiting for drives to follow")
+    Traceback (most recent call last):
+    sjerk.errors.KernelGoneError: the kernel ended while waiting for drives to follow
+    """
 
 
 class HandshakeError(SjerkError):
