@@ -19,7 +19,7 @@ typedef struct {
     lane least_cycles;
     lane ok; /* 1, or 0 for a lane that has left this way */
     /* the root: of the peak */
-    lane z, base, jb, least_z, most_z, scale, jerk, level, x, m, t, unit, active;
+    lane z, base, per_ju, per_jd, per_au, per_ad, per_jb, least_z, most_z, scale, jerk, level, x, m, t, unit, active;
 } lanes;
 
 /* Inlined into each clone of SIMD, or the loops have no wide vectors. */
