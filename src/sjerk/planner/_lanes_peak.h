@@ -15,12 +15,19 @@ INLINE void begin(lanes *m)
         double h = m->h[i], v0 = m->v0[i], a0 = m->a0[i], v1 = m->v1[i], vmax = m->vmax[i];
         double ua = m->au[i], uj = m->ju[i], da = m->ad[i], dj = m->jd[i];
         double small = least(uj, dj), most_a = least(ua, da);
+        /* sj_recover_acceleration() where there is nothing to recover: the acceleration can end on a node */
+        double room = 1.99 * small * (vmax - size(v0) - 2 * small), away = pick(h < 0, -a0, a0);
+        double speed = pick(h < 0, -v0, v0), jerk = pick(away > 0, uj, dj), a = size(a0);
+        double share = a / jerk, n = whole_of(share), left = a - n * jerk;
+        double at_zero = pick(away > 0, speed, -speed) + n * (a - n * jerk / 2);
+        left = pick(left <= 1e-13 * a, 0, left);
+        int lands = (at_zero + left / 2 <= vmax * (1 + SLACK / 2)) &
+                    (size(v0) <= vmax * (1 + SLACK)) & (share < roundable);
         /* sj_valid(), and no recovery; comparisons of what is no number are false */
         int ok = (size(h) <= DBL_MAX) & (h != 0) & (size(v0) <= DBL_MAX) & (vmax > 0) &
                  (vmax <= DBL_MAX) & (ua > 0) & (ua <= DBL_MAX) & (uj > 0) & (uj <= DBL_MAX) &
                  (da > 0) & (da <= DBL_MAX) & (dj > 0) & (dj <= DBL_MAX) &
-                 (size(v1) <= vmax * (1 + SLACK)) & (size(a0) <= most_a) &
-                 (a0 * a0 <= 1.99 * small * (vmax - size(v0) - 2 * small));
+                 (size(v1) <= vmax * (1 + SLACK)) & (a <= most_a) & ((a * a <= room) | lands);
         double d = pick(h < 0, -1, 1);
         double first = d * a0;
         /* with h > 0 only an acceleration against it turns the push */
@@ -180,14 +187,15 @@ INLINE void step_peak(lanes *m)
 {
     EACH_LANE(i)
     {
-        double vs = m->vs[i], v1 = m->v1[i], z = m->z[i], per_jb = m->per_jb[i],
-               lo = m->least_z[i], hi = m->most_z[i];
+        double vs = m->vs[i], v1 = m->v1[i], z = m->z[i], per_jb = m->per_jb[i], lo = m->least_z[i],
+               hi = m->most_z[i];
         double ju = m->ju[i], jd = m->jd[i], au = m->au[i], ad = m->ad[i];
         double per_au = m->per_au[i], per_ad = m->per_ad[i];
         int second = v1 >= vs, runs = m->active[i] > 0;
         double square = z * z * per_jb, v = m->base[i] + square;
         double x1 = pick(second, v - vs, square), x2 = pick(second, square, v - v1);
-        double r = sqrt(most(pick(second, x1, x2), 0) * pick(second, ju, jd)), per_both = 1 / (r * z);
+        double r = sqrt(most(pick(second, x1, x2), 0) * pick(second, ju, jd)),
+               per_both = 1 / (r * z);
         double r1 = pick(second, r, z), r2 = pick(second, z, r);
         int flat1 = x1 * ju >= au * au, flat2 = x2 * jd >= ad * ad;
         double t1 = pick(flat1, x1 * per_au + au * m->per_ju[i], 2 * r1 * m->per_ju[i]);
