@@ -552,6 +552,14 @@ def test_a_plan_keeps_its_memory_for_c() -> None:
     ] == phases
 
 
+def test_what_limits_keep_for_c_may_be_of_another_version() -> None:
+    """Pickled by one that kept fewer numbers: the same plan, and nothing is read behind them."""
+    limits, start, target = Limits(90.0, 500.0, 5000.0), State(0.0), State(160.0)
+    made = plan(start, target, limits, T)
+    limits.cycled[T] = limits.cycled[T][:40]
+    assert plan(start, target, pickle.loads(pickle.dumps(limits)), T) == made
+
+
 @pytest.mark.parametrize("cycle_time", [True, Decimal(1), "1.0"])
 def test_what_only_equals_a_cycle_time_is_none(cycle_time: Any) -> None:
     """Also where limits have been used with the number that it equals."""

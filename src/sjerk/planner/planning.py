@@ -39,6 +39,8 @@ _new = ffi.new_allocator(should_clear_after_alloc=False)
 _between, _joined = lib.sj_plan_between, b"".join
 #: The function behind the method: a call of it is the interpreter's own.
 _profile: Callable[..., Profile] = Profile.of_c.__func__  # type: ignore[attr-defined]
+#: Bytes of limits and a cycle time behind two states.
+_KEPT = ffi.sizeof("sj_between") - 2 * ffi.sizeof("sj_state")
 #: The ``min_duration`` of whoever gives none, known by identity.
 _NO_LEAST = 0.0
 _MOST: int = lib.SJ_AXES
@@ -265,7 +267,8 @@ def plan(
             per_cycle = limits.cycled[cycle_time] if type(cycle_time) is float else None
         except (AttributeError, KeyError):
             per_cycle = None
-        if per_cycle is not None:
+        # of limits that another version pickled it may be shorter
+        if per_cycle is not None and len(per_cycle) == _KEPT:
             made = _between(_joined((start.memory, target.memory, per_cycle)))
             if made.count >= 0:
                 return _profile(Profile, made, cycle_time, start, target)
