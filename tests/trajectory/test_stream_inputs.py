@@ -110,7 +110,7 @@ def test_a_plan_at_all_of_its_acceleration_is_late_and_not_cut() -> None:
 def test_goals_denser_than_knots_lose_nothing(
     limits: Limits, way: float, seconds: float, period: float
 ) -> None:
-    """A quintic that uses 4 to 40 % of the acceleration, told at the control rate: in time, as soft."""
+    """A quintic that uses 4 to 40 % of the acceleration, at the control rate: in time, as soft."""
     x = np.linspace(0.0, 1.0, round(seconds / period) + 1)
     goals = way * (10 * x**3 - 15 * x**4 + 6 * x**5)[:, None]
     stream = GoalStream([limits], T, [0.0], period=period)

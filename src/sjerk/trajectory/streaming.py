@@ -31,8 +31,8 @@ from sjerk.trajectory.stream_report import Ledger, StreamReport
 FURTHEST = 100
 #: Longest delay, in periods.
 _LONGEST = 10_000
-#: Periods, and knots, that a stream runs behind its goals. With less than so many knots a motion that
-#: the limits allow by far hunts: it slows for the last goal known, and catches up.
+#: Periods, and knots, that a stream runs behind its goals. With less than so many knots a motion
+#: that the limits allow by far hunts: it slows for the last goal known, and catches up.
 _DELAY = 4
 #: Knots in the time of a stop from full velocity.
 KNOTS = 12
