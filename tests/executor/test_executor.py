@@ -369,10 +369,11 @@ def test_stamps() -> None:
     assert 298 <= moved <= 330
     machine.finish(machine.executor.submit(smooth(position=WAY[::-1])))
     rows = len(machine.rows)
+    machine.told.clear()
     goal = machine.executor.submit(smooth(), stamp=machine.time() - 0.45)
     positions = machine.finish(goal)[rows:]
     assert goal.status is GoalStatus.SUCCEEDED
-    assert not len(passed(positions, WAY[3]))
+    assert min(told.point for _, told in machine.told) == 5
     assert np.abs(positions - WAY[-2]).max(axis=1).min() < 2e-3  # between two cycles, perhaps
     old = machine.executor.submit(smooth(), stamp=machine.time() - 1.5)
     assert old.code is ResultCode.OLD_HEADER_TIMESTAMP
@@ -393,11 +394,12 @@ def test_modes_change_from_the_next_goal_on() -> None:
     back = positions[np.flatnonzero((positions == WAY[-1]).all(axis=1))[-1] :]
     assert len(back) < 900  # of the 1000 cycles of the whole way
     machine.executor.change(execution_mode=ExecutionMode.FULL_TRAJECTORY, resampling_delta=0.09)
-    rows = len(machine.rows)
+    machine.told.clear()
     machine.finish(machine.executor.submit(smooth()))
-    met = [bool(len(passed(machine.positions[rows:], q))) for q in WAY[1:]]
-    assert 2 <= sum(met) < 6
-    assert met[-1]
+    met = {told.point for _, told in machine.told}
+    assert 2 <= len(met) < 6
+    assert len(WAY) - 1 in met
+    np.testing.assert_array_equal(machine.positions[-1], WAY[-1])
 
 
 def test_a_stop_by_another_hand_aborts() -> None:

@@ -126,12 +126,13 @@ def test_from_any_state_in_motion(seed: int) -> None:
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_a_trajectory_that_fits_the_state_is_played_in_its_time(sign: float) -> None:
+@pytest.mark.parametrize("cut", [50, 200, 310, 420])
+def test_a_trajectory_that_fits_the_state_is_played_in_its_time(sign: float, cut: int) -> None:
     """The rest of the motion under way, told at 20 ms: a knot later at most."""
     limits = [Limits(2.0, 8.0, 100.0)] * 2
     goal = sign * np.array([1.0, -0.4])
     whole = join(Knot.rest([0.0, 0.0]), goal, limits, 1e-3)
-    head, tail = split(whole, 250)
+    head, tail = split(whole, cut)
     rows = replace(tail, first=1).sample().position
     time = np.append(np.arange(20, len(rows) - 20, 20), len(rows)) * 1e-3
     way = Trajectory(["a", "b"], time, rows[np.rint(time * 1e3).astype(int) - 1])
