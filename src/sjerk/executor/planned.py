@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 from sjerk.executor.goal import Settings
 from sjerk.executor.joints import Joints
 from sjerk.host import Feedback
+from sjerk.host.turns import Turns, nearest_turns
+from sjerk.profile import FloatArray
 from sjerk.trajectory import ExecutionMode, FaultKind, Trajectory, TrajectoryError, resample
 from sjerk.trajectory.entering import Entry
 from sjerk.trajectory.segments import Followed, Knot
@@ -24,30 +26,45 @@ class PlannedGoal:
     """How the motion of a goal is planned: of its axes in ascending order, along its way-points.
 
     ``joint_axes``: axis numbers in the trajectory's order of joints. ``chosen`` (m,): which of its
-    way-points; ``offset`` (s): of its time that was over at the begin; ``points``: the way-point
-    ahead in each segment of what was planned last, as far as it was; ``stretch``: cycles more than
-    asked for, of it.
+    way-points; ``wrap`` (N,): of the axes. ``offset`` (s): of its time that was over at the begin;
+    ``points``: the way-point ahead in each segment of what was planned last, as far as it was;
+    ``stretch``: cycles more than asked for, of it; ``turns``: of the axes, in it.
     """
 
+    trajectory: Trajectory
     joint_axes: list[int]
     axes: list[int]
     way_points: Trajectory
     chosen: NDArray[np.intp]
     entry: Entry
+    wrap: FloatArray
     stamp: float
     single: bool
     offset: float = 0.0
     stretch: int = 0
     points: list[int] = field(default_factory=list)
+    turns: Turns = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.turns = Turns(np.zeros(len(self.wrap)), self.wrap)
 
     def enter(self, knot: Knot, begins: float) -> Iterator[Followed]:
         """From a state, at a time of the clock."""
         self.stretch, self.points = 0, []
         self.offset = max(0.0, begins - self.stamp) if self.stamp else 0.0
         elapsed = begins - self.stamp if self.stamp else 0.0
-        last = self.way_points.time[-1]
-        made = self.entry.enter(self.way_points, knot, last if self.single else elapsed)
+        # the first way-point whose time is not over, also where another is gone to
+        time, columns = self.trajectory.time, [self.joint_axes.index(i) for i in self.axes]
+        first = min(int(np.searchsorted(time, elapsed)), len(time) - 1)
+        begin = self.trajectory.position[first, columns]
+        self.turns = Turns.nearest(begin, knot.position, self.wrap)
+        way = _with(self.way_points, position=self.turns.onto(self.way_points.position))
+        made = self.entry.enter(way, knot, way.time[-1] if self.single else elapsed)
         return self._counted(made, self.points)
+
+    def told(self, position: FloatArray) -> FloatArray:
+        """Where axes are, in the turn of the trajectory: (N,), in its order of joints."""
+        return self.turns.of([self.axes.index(i) for i in self.joint_axes]).back(position)
 
     def _counted(self, blocks: Iterator[Followed], points: list[int]) -> Iterator[Followed]:
         for block in blocks:
@@ -86,11 +103,12 @@ def planned(
     joint_axes = [joints.axis(name) for name in names]
     axes = [frame.axes[i] for i in joint_axes]
     tolerance = settings.start_tolerance
+    start = nearest_turns(trajectory.position[0], axes).back([axis.position for axis in axes])
     faults += [
         fault
         for fault in trajectory.faults(
             [axis.limits for axis in axes],
-            start=None if tolerance is None else [axis.position for axis in axes],
+            start=None if tolerance is None else start,
             start_tolerance=tolerance or 1.0,
             end_velocity_allowed=settings.allow_end_velocity,
         )
@@ -107,6 +125,7 @@ def planned(
         chosen = resample(trajectory.position, settings.resampling_delta)
     order = sorted(joint_axes)  # two goals of the same joints are then of the same axes
     return PlannedGoal(
+        trajectory,
         joint_axes,
         order,
         _to_rest(trajectory.take(chosen).for_joints([joints.name(i) for i in order])),
@@ -117,6 +136,7 @@ def planned(
             settings.use_velocities,
             settings.tolerance,
         ),
+        np.array([frame.axes[i].wrap for i in order]),
         stamp,
         single,
     )
@@ -128,4 +148,17 @@ def _to_rest(way: Trajectory) -> Trajectory:
         return way
     velocity = way.velocity.copy()
     velocity[-1] = 0.0
-    return Trajectory(way.joint_names, way.time, way.position, velocity, way.acceleration)
+    return _with(way, velocity=velocity)
+
+
+def _with(
+    way: Trajectory, *, position: FloatArray | None = None, velocity: FloatArray | None = None
+) -> Trajectory:
+    """The same, with these rows."""
+    return Trajectory(
+        way.joint_names,
+        way.time,
+        way.position if position is None else position,
+        way.velocity if velocity is None else velocity,
+        way.acceleration,
+    )

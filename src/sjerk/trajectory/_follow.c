@@ -229,6 +229,9 @@ static void solve(const sj_follow *s)
         back(s, i);
 }
 
+/* A nan where b is one. */
+static double larger(double a, double b) { return a > b ? a : b; }
+
 /* Largest use of the limits in segment i. */
 static double used(const sj_follow *s, int64_t i)
 {
@@ -244,17 +247,17 @@ static double used(const sj_follow *s, int64_t i)
                 break;
             A1 = A + m * J;
             if (A * A1 < 0.0)
-                v = fmax(v, fabs(V - A * A / (2.0 * J)));
+                v = larger(v, fabs(V - A * A / (2.0 * J)));
             V += 0.5 * m * (A + A1);
             A = A1;
-            v = fmax(v, fabs(V));
-            a = fmax(a, fabs(A));
-            j = fmax(j, fabs(J));
+            v = larger(v, fabs(V));
+            a = larger(a, fabs(A));
+            j = larger(j, fabs(J));
         }
-        u = fmax(v / vmax, fmax(a / amax, j / jmax));
+        u = larger(v / vmax, larger(a / amax, j / jmax));
         if (!isfinite(u))
             return u;
-        worst = fmax(worst, u);
+        worst = larger(worst, u);
     }
     return worst;
 }

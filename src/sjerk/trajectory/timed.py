@@ -32,15 +32,13 @@ from sjerk.trajectory.window import KEPT, Plan, Window, stop_of, units
 _FEWEST = 8
 #: Finer knots, and cycles more: what is tried where the own time nearly keeps the limits.
 _LADDER = ((2.0, 1), (4.0, 1), (4.0, 2), (8.0, 2), (4.0, 4), (4.0, 10))
-#: Of a tolerance that is given, for way-points with others between them.
-_ROOM = 0.95
-#: Finer knots where a tolerance that is given asks for them.
-_FINER = (1.0, 2.0, 4.0)
 #: Segments of a stop: with more of them a kernel that takes four per cycle slows until it knows the
 #: way to a stop.
 _KNOWN = 240.0
 #: A pace that is no start: way-points that these knots cannot tell apart.
 _LOST = 1e3
+#: Way-points that are this many knots apart can all be met by these knots.
+_APART = 2.0
 #: A stretch for which finer knots are worth trying.
 _NEARLY = 0.05
 #: A uniform stretch that leaves too little to gain by another.
@@ -49,6 +47,8 @@ _LITTLE = 0.005
 _WORK, _LEAST_ROUNDS = 2e4, 3
 #: The same of one that is to be over soon.
 _SOON = 1e3
+#: Nearer to a limit a state is at it: more than the room that a programme leaves to limits.
+_AT = 3e-9
 #: A uniform stretch that is not looked for.
 _EVENLY = 3.0
 #: Slowed each by itself way-points are no start where they take more than this share of stopping.
@@ -117,11 +117,12 @@ class Timed:
             end, points, moments = points[-1], points[:-1], moments[:-1]
             speed = None if speed is None else speed[:-1]
         box = None if self._box is None else self._box - origin[:, None]
-        # a state at its limits leads to them, whatever is planned
+        # a state that leads to its velocity limit leaves no room below that
         _, v, a = window.start
         table = self._table.copy()
-        leads = np.abs(v) + np.maximum(a * np.sign(v), 0.0) ** 2 / (2.0 * table[:, 2])
-        table[:, 0] = np.maximum(table[:, 0], leads * (1.0 + 2.9e-9))
+        V, _, J = self._table.T
+        leads = np.abs(v) + np.maximum(a * np.sign(v), 0.0) ** 2 / (2.0 * J)
+        table[:, 0] = np.where(leads > V * (1.0 - _AT), V * (1.0 + 0.9 * _AT), V)
         return Task(table, unit, points, window.start, end, box, least, speed), moments
 
     def _knots(self, left: IntArray, length: int, finer: float) -> Knots:
@@ -146,15 +147,14 @@ class Timed:
     ) -> tuple[float, Knots, Answer] | None:
         """With finer knots, or all slowed alike; first, the share of it that is stretch."""
         # a sample lags behind the plan by half a cycle: of so much more at once, or by and by
-        moving = bool(task.start[1:].any())
-        half = 0.5 * asked / length if moving else np.full(len(asked), 0.5)
+        half = 0.5 * asked / length if task.start[1:].any() else np.full(len(asked), 0.5)
         later, longer = asked + half, length + 1
         knots = self._knots(left, longer, 1.0)
         pace = evenly(task, knots, later, _EVENLY, self._order)
-        if pace is None and len(asked) <= len(knots) and not moving:
-            return None
-        nearly = pace is None or pace <= 1.0 + _NEARLY
-        for finer, late in _LADDER if nearly else ():
+        apart = float(np.diff(asked, prepend=-0.5).min(initial=np.inf))
+        if pace is None and apart >= _APART * float(knots.lengths.mean()):
+            return None  # too fast, and not too close for these knots
+        for finer, late in _LADDER if pace is None or pace <= 1.0 + _NEARLY else ():
             if finer <= 2.0 * float(knots.lengths.mean()):
                 exact = self._own_time(task, asked + late * half, left, length + late, finer)
                 if exact is not None:
@@ -360,33 +360,7 @@ class Timed:
 
     def _start(self, task: Task, moments: FloatArray, left: IntArray, length: int) -> _Start:
         """A motion to begin with; the tolerance is raised, tenfold at most, if it is noise."""
-        for finer in _FINER:
-            thin, knots, few, keep = self._resolved(task, moments, left, length, finer)
-            if self._tolerance is None or (keep <= 1.0).all():  # a given one is held by finer knots
-                break
-        most = self._raised(task, len(few) < len(moments)) / task.unit[None]
-        answer = None
-        if (keep <= most).all():
-            for pace in (1.0, 4.0):  # from nearer the optimum where that is far
-                answer = answer or feasible(thin, knots, moments[few], pace, keep)
-            enough = np.inf if self._tolerance is not None else 1.0 + _NOISE
-            while (keep < most).any() and (answer is None or answer.pace > enough):
-                more = np.minimum(10.0 * keep, most)
-                other = feasible(thin, knots, moments[few], 1.0, more)
-                slow = np.inf if answer is None else (1.0 - _NOISE) * answer.pace
-                if other is not None and other.pace <= slow:
-                    answer, keep = other, more
-                elif answer is not None:
-                    break
-                else:
-                    keep = more
-        return _Start(thin, knots, moments, few, keep, answer)
-
-    def _resolved(
-        self, task: Task, moments: FloatArray, left: IntArray, length: int, finer: float
-    ) -> tuple[Task, Knots, IntArray, FloatArray]:
-        """Some of the way-points, knots for them, which ones, and the tolerances these can meet."""
-        knots = self._knots(left, length, finer)
+        knots = self._knots(left, length, 1.0)
         own = Knots(among(moments, left, length, self._spacing, KEPT * self._stop))
         few: IntArray = np.arange(len(moments))
         if len(own) <= len(knots):  # none for each way-point, or not everywhere as many
@@ -399,12 +373,25 @@ class Timed:
             )
         least = _sums(task.least, few, task.end is not None)
         thin = replace(task, points=task.points[few], speed=None, least=least)
-        given = self._tolerance is not None and len(few) < len(moments)
-        share: float | FloatArray = _ROOM if given else 1.0
+        keep = np.ones((1, len(task.unit)))
         if float(knots.lengths.mean()) > 2.0:  # with the finest knots only time helps
-            share = resolution(thin, knots, moments[few], share)
-        keep: FloatArray = share * np.ones((1, len(task.unit)))
-        return thin, knots, few, keep
+            keep = keep * resolution(thin, knots, moments[few], 1.0)
+        most = self._raised(task, len(few) < len(moments)) / task.unit[None]
+        answer = None
+        if (keep <= most).all():
+            for pace in (1.0, 4.0):  # from nearer the optimum where that is far
+                answer = answer or feasible(thin, knots, moments[few], pace, keep)
+            while (keep < most).any() and (answer is None or answer.pace > 1.0 + _NOISE):
+                more = np.minimum(10.0 * keep, most)
+                other = feasible(thin, knots, moments[few], 1.0, more)
+                slow = np.inf if answer is None else (1.0 - _NOISE) * answer.pace
+                if other is not None and other.pace <= slow:
+                    answer, keep = other, more
+                elif answer is not None:
+                    break
+                else:
+                    keep = more
+        return _Start(thin, knots, moments, few, keep, answer)
 
 
 @dataclass(frozen=True, eq=False)
