@@ -20,7 +20,6 @@ from sjerk import (
     follow,
     follow_path,
     follow_stops,
-    follow_within,
     plan,
 )
 from sjerk.cli import demo
@@ -413,14 +412,17 @@ def _streamed(stream: GoalStream, goals: np.ndarray) -> np.ndarray:
 
 
 def test_dense_way_points(report: Any) -> None:
-    """The same plan at 2 ms: met exactly, and within a tolerance."""
+    """The same plan at 2 ms, within a tolerance."""
     way = dense_plan()
     for tolerance in (1e-2, 1e-3, 1e-4):
-        made = follow_within(way, PANDA, T, tolerance=tolerance)
-        taken = sum(int(block.cycles.sum()) for block in made.blocks) * T
+        begun = process_time()
+        made = list(follow(way, PANDA, T, tolerance=tolerance, use_velocities=False))
+        spent = process_time() - begun
+        taken = sum(int(block.cycles.sum()) for block in made) * T
+        largest = max(block.passed.largest for block in made)
         report.line(
             TABLE,
-            f"2 ms within {tolerance:g} rad: {len(made.kept)} of {len(way)} way-points met, "
-            f"largest deviation {made.largest:.2g}, time {taken / way.duration:.3f} of the plan's",
+            f"2 ms within {tolerance:g} rad: largest deviation {largest:.2g}, "
+            f"time {taken / way.duration:.3f} of the plan's, computed in {spent / taken:.2f} of it",
         )
-        assert made.largest <= tolerance
+        assert largest <= tolerance

@@ -74,16 +74,21 @@ def smooth(**changes: Any) -> Trajectory:
     return Trajectory(**fields)
 
 
+def passed(positions: Array, point: Array) -> Array:
+    """Rows that are as near to a point of the short way as its tolerance and half a cycle."""
+    return np.flatnonzero((np.abs(positions - point) <= 5e-4).all(axis=1))
+
+
 def test_a_plan_of_the_panda_is_played_and_succeeds() -> None:
-    """TOPP-RA at 0.1 s: every way-point stands in the recording, limits kept, result told once."""
+    """TOPP-RA at 0.1 s: every way-point is near the path played, limits kept, result told once."""
     machine = Machine(PLAN.position[0])
     goal = machine.executor.submit(PLAN)
     assert goal.accepted
     positions = machine.finish(goal)
     assert (goal.status, goal.code) == (GoalStatus.SUCCEEDED, ResultCode.SUCCESSFUL)
     assert goal.text
-    for point in PLAN.position:
-        assert (positions == point).all(axis=1).any()
+    _, gaps = along(curve(positions), PLAN.position, 0, 16 * len(positions))
+    assert gaps.max() <= 1e-3
     keeps(positions, PANDA)
     assert machine.results == [goal]
     assert 0.0 < goal.stretch < 0.2
@@ -334,8 +339,8 @@ def test_a_first_point_that_is_later_is_a_ramp() -> None:
     goal = machine.executor.submit(way)
     positions = machine.finish(goal)
     assert goal.status is GoalStatus.SUCCEEDED
-    met = np.flatnonzero((positions == way.position[0]).all(axis=1))
-    assert 498 <= met[0] - rows <= 505
+    met = passed(positions, way.position[0])
+    assert 495 <= met[0] - rows <= 505
 
 
 def test_a_start_elsewhere_is_gone_to_first_or_refused() -> None:
@@ -364,10 +369,11 @@ def test_stamps() -> None:
     assert 298 <= moved <= 330
     machine.finish(machine.executor.submit(smooth(position=WAY[::-1])))
     rows = len(machine.rows)
+    machine.told.clear()
     goal = machine.executor.submit(smooth(), stamp=machine.time() - 0.45)
     positions = machine.finish(goal)[rows:]
     assert goal.status is GoalStatus.SUCCEEDED
-    assert not (positions == WAY[3]).all(axis=1).any()
+    assert min(told.point for _, told in machine.told) == 5
     assert np.abs(positions - WAY[-2]).max(axis=1).min() < 2e-3  # between two cycles, perhaps
     old = machine.executor.submit(smooth(), stamp=machine.time() - 1.5)
     assert old.code is ResultCode.OLD_HEADER_TIMESTAMP
@@ -381,18 +387,19 @@ def test_modes_change_from_the_next_goal_on() -> None:
     machine.executor.change(execution_mode="single_point")
     rows = len(machine.rows)
     machine.finish(first)
-    assert all((machine.positions == q).all(axis=1).any() for q in WAY[5:])
+    assert all(len(passed(machine.positions, q)) for q in WAY[5:])
     machine.finish(machine.executor.submit(smooth(position=WAY[::-1])))
     positions = machine.positions[rows:]
     np.testing.assert_array_equal(positions[-1], WAY[0])
     back = positions[np.flatnonzero((positions == WAY[-1]).all(axis=1))[-1] :]
-    assert not (back == WAY[5]).all(axis=1).any()
+    assert len(back) < 900  # of the 1000 cycles of the whole way
     machine.executor.change(execution_mode=ExecutionMode.FULL_TRAJECTORY, resampling_delta=0.09)
-    rows = len(machine.rows)
+    machine.told.clear()
     machine.finish(machine.executor.submit(smooth()))
-    met = [(machine.positions[rows:] == q).all(axis=1).any() for q in WAY[1:]]
-    assert 2 <= sum(met) < 6
-    assert met[-1]
+    met = {told.point for _, told in machine.told}
+    assert 2 <= len(met) < 6
+    assert len(WAY) - 1 in met
+    np.testing.assert_array_equal(machine.positions[-1], WAY[-1])
 
 
 def test_a_stop_by_another_hand_aborts() -> None:

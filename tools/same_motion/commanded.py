@@ -20,7 +20,6 @@ from sjerk import (
     Trajectory,
     follow,
     follow_path,
-    follow_within,
 )
 from told import Told, run
 
@@ -205,9 +204,8 @@ def _blocks(draw: Random, own: list[Limits], start: list[float], T: float) -> li
     how = draw.choice(["times", "times", "within", "path", "corners"])
     block = draw.choice([4, 16, 64, 256])
     if how == "within":
-        return list(
-            follow_within(plan, own, T, tolerance=draw.uniform(1e-4, 1e-2) * own[0].velocity).blocks
-        )
+        near = draw.uniform(1e-4, 1e-2) * own[0].velocity
+        return list(follow(plan, own, T, tolerance=near, use_velocities=False, block=block))
     if how == "times":
         return list(follow(plan, own, T, block=block))
     tolerance = draw.uniform(1e-3, 5e-2) * own[0].velocity if how == "corners" else None

@@ -45,6 +45,10 @@ _NEARLY = 0.05
 _LITTLE = 0.005
 #: Unknowns times rounds of a search for the fastest, and its fewest rounds.
 _WORK, _LEAST_ROUNDS = 2e4, 3
+#: The same of one that is to be over soon.
+_SOON = 1e3
+#: Nearer to a limit a state is at it: more than the room that a programme leaves to limits.
+_AT = 3e-9
 #: A uniform stretch that is not looked for.
 _EVENLY = 3.0
 #: Slowed each by itself way-points are no start where they take more than this share of stopping.
@@ -68,10 +72,14 @@ class Timed:
         tolerance: FloatArray | None,
         *,
         use_velocities: bool,
+        quick: bool,
     ) -> None:
-        """``table`` (N, 3): limits per cycle; ``tolerance``: per joint, or None: by their ways."""
+        """``table`` (N, 3): limits per cycle; ``tolerance``: per joint, or None: by their ways.
+
+        ``quick``: one of the first motions found, without a long search for a faster one.
+        """
         self._table, self._box, self._tolerance = table, box, tolerance
-        self._use_velocities = use_velocities
+        self._use_velocities, self._quick = use_velocities, quick
         self._kept = False  # a motion within the tolerance that was given is known
         self._stop = stop_of(table)
         soft = float((table[:, 1] / table[:, 2]).min())
@@ -109,7 +117,13 @@ class Timed:
             end, points, moments = points[-1], points[:-1], moments[:-1]
             speed = None if speed is None else speed[:-1]
         box = None if self._box is None else self._box - origin[:, None]
-        return Task(self._table, unit, points, window.start, end, box, least, speed), moments
+        # a state that leads to its velocity limit leaves no room below that
+        _, v, a = window.start
+        table = self._table.copy()
+        V, _, J = self._table.T
+        leads = np.abs(v) + np.maximum(a * np.sign(v), 0.0) ** 2 / (2.0 * J)
+        table[:, 0] = np.where(leads > V * (1.0 - _AT), V * (1.0 + 0.9 * _AT), V)
+        return Task(table, unit, points, window.start, end, box, least, speed), moments
 
     def _knots(self, left: IntArray, length: int, finer: float) -> Knots:
         most = max(min(self._spacing, length / 40.0), 2.0)
@@ -145,8 +159,8 @@ class Timed:
                 exact = self._own_time(task, asked + late * half, left, length + late, finer)
                 if exact is not None:
                     return 0.0, *exact
-        fine = self._knots(left, longer, _LADDER[-1][0])
-        for own in (fine, knots):
+        fine = [] if self._quick else [self._knots(left, longer, _LADDER[-1][0])]
+        for own in (*fine, knots):
             pace = evenly(task, own, later, _EVENLY, self._order)
             least = longer if pace is None else int(np.ceil(pace * longer - 1e-6))
             for cycles in range(least, least + 3) if pace is not None else ():
@@ -161,7 +175,7 @@ class Timed:
     ) -> tuple[Knots, Answer]:
         """All slowed alike, if that costs little or is the soonest; else moments of their own."""
         even = self._nearly(task, asked, window.left, length)
-        if even is not None and even[0] <= _LITTLE:
+        if even is not None and even[0] <= (_NEARLY if self._quick else _LITTLE):
             return even[1:]
         self._kept = even is not None and self._tolerance is not None
         try:
@@ -185,7 +199,7 @@ class Timed:
         best: tuple[float, Knots, Answer] | None = None
         dense = len(asked) > len(self._knots(window.left, length, 1.0))
         gaps = np.diff(stops, prepend=0.0)
-        if window.state.moving and not len(window.begun) and task.end is not None:
+        if window.state.moving and not len(window.begun):
             best = self._entering(task, asked, window, way)
         elif self._passes(task, way, gaps, dense):
             best = self._smooth(task, asked, window, length, way)
@@ -242,7 +256,8 @@ class Timed:
             gaps = np.maximum(gaps_between(way, self._table), task.least)
             gaps[0] = max(self._reach(task, way, gaps, share), task.least[0])
             ends = np.cumsum(gaps)
-            start = self._start(task, ends[: len(asked)], window.left, int(np.ceil(ends[-1])))
+            length = int(np.ceil(ends[-1] + self._tail(task)))
+            start = self._start(task, ends[: len(asked)], window.left, length)
             if start.answer is not None:
                 found.append(start)
         for start in sorted(found, key=lambda x: x.length):
@@ -327,7 +342,8 @@ class Timed:
             return None
         few, keep = start.few, start.keep
         unknowns = len(start.knots) * len(start.task.unit)
-        rounds = int(np.clip(_WORK / unknowns, _LEAST_ROUNDS, ROUNDS))
+        work, least = (_SOON, 1) if self._quick else (_WORK, _LEAST_ROUNDS)
+        rounds = int(np.clip(work / unknowns, least, ROUNDS))
         found = fastest(start.task, start.knots, start.answer, keep, rounds)
         made = in_cycles(start.task, start.knots, found, keep)
         if made is None:
