@@ -117,8 +117,15 @@ def toml(file: Path) -> None:
         "# The TOML file of a kernel",
         "",
         "You describe axes, limits, drives, clock and reactions. `sjerk new robot.toml` writes",
-        "such a file. Top level: `name`, `cycle_time` (s), the tables below. `[ethercat]` is in",
-        "[EtherCAT](../explanation/ethercat.md).",
+        "such a file; `examples/robot.toml` is one of two axes:",
+        "",
+        "```toml",
+        (ROOT / "examples" / "robot.toml").read_text().rstrip(),
+        "```",
+        "",
+        "Top level: `name`, `cycle_time` (s), and the tables below. `[ethercat]` and",
+        "`[axes.ethercat]` are told in [EtherCAT](../explanation/ethercat.md), `[panel]` in",
+        "[the panel](../panel.md).",
         "",
     ]
     tables = {
@@ -130,18 +137,29 @@ def toml(file: Path) -> None:
         "[reactions]": sjerk.Reactions,
     }
     for title, kind in tables.items():
-        lines += [f"## {title}", "", "| field | type | default |", "|---|---|---|"]
+        meaning = (inspect.getdoc(kind) or "").partition(">>>")[0].rstrip()
+        named = objects_of_settings() if kind is sjerk.DriveConfig else {}
+        more = (" object | unit |", "---|---|") if named else ("", "")
+        lines += [f"## {title}", "", meaning, ""]
+        lines += [f"| field | type | default |{more[0]}", f"|---|---|---|{more[1]}"]
         for field in dataclasses.fields(kind):
             if field.init:
-                lines.append(
-                    f"| `{field.name}` | {escaped(field.type)} | {escaped(default(field))} |"
-                )
-        lines += [
-            "",
-            f"Units and meaning: `{kind.__module__.rpartition('.')[0]}.{kind.__name__}`.",
-            "",
-        ]
+                cells = [f"`{field.name}`", escaped(field.type), escaped(default(field))]
+                cells += map(escaped, named.get(field.name, ("", ""))) if named else ()
+                lines.append(f"| {' | '.join(cells)} |")
+        lines.append("")
     file.write_text("\n".join(lines))
+
+
+def objects_of_settings() -> dict[str, tuple[str, str]]:
+    """Object and unit by the field of the drive's settings that it holds."""
+    found = {}
+    for index in sorted(objects.OBJECTS):
+        for row in objects.OBJECTS[index].entries:
+            room, _, field = row.source.partition(".")
+            if room == "config":
+                found.setdefault(field, (f"{index:04X}h:{row.sub} {row.name}", row.unit))
+    return found
 
 
 def default(field: Any) -> str:

@@ -101,6 +101,8 @@ def told(error: Exception) -> str:
     said = str(error)
     if isinstance(error, OSError) and error.filename is not None:
         said = f"{error.filename}: {error.strerror}"
+    elif isinstance(error, OSError) and error.strerror is not None:
+        said = error.strerror
     return "; ".join(filter(None, (said, next_step(error))))
 
 

@@ -9,13 +9,32 @@ import math
 import sys
 from collections.abc import Callable, Sequence
 from numbers import Real
+from typing import Any
 
 #: Characters of a value that a message shows.
 _SHOWN = 120
 
 
 class SjerkError(Exception):
-    """Base of every error that sjerk raises on purpose."""
+    """Base of every error that sjerk raises on purpose.
+
+    All of them go through ``pickle``, with their data: a worker's error arrives as it was raised.
+
+    >>> from pickle import dumps, loads
+    >>> loads(dumps(InputError("jerk", 0.0, "must be greater than 0"))).field
+    'jerk'
+    """
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """What makes it again; Exception would call ``__init__`` with the text alone."""
+        made = super().__reduce__()
+        state = made[2:] if isinstance(made, tuple) else ()
+        return _again, (type(self), self.args), *state
+
+
+def _again(kind: type[SjerkError], args: tuple[object, ...]) -> SjerkError:
+    """An error without ``__init__``: its attributes are set behind it."""
+    return kind.__new__(kind, *args)
 
 
 class InputError(SjerkError, ValueError):
@@ -157,10 +176,16 @@ class QueueFullError(SjerkError):
 
 
 class ConfigError(InputError):
-    """A value in a configuration file: ``path`` is the file, ``field`` the place in it."""
+    """A value in a configuration file: ``path`` is the file, ``field`` the place in it.
+
+    >>> print(ConfigError("robot.toml", "axes[0].limits.jerk", None, "is missing"))
+    robot.toml: axes[0].limits.jerk: is missing
+    """
 
     def __init__(self, path: str, field: str, value: object, limit: str) -> None:
         super().__init__(f"{path}: {field}", value, limit)
+        if value is None:  # no file can say it: there is no value
+            self.args = (f"{path}: {field}: {limit}",)
         self.path = path
         self.field = field
 

@@ -25,7 +25,7 @@ from helpers.root import ROOT
 from sjerk import Axis, InputError, Limits, Monitor, MotionKernel, Recording
 from sjerk.__main__ import arguments, main
 from sjerk.cli import common
-from sjerk.cli.arguments import by_axis, duration, duration_or_inf, shielded
+from sjerk.cli.arguments import by_axis, duration, duration_or_inf, numbered, shielded
 from sjerk.handshake import Layout, Segment
 from sjerk.host import EventKind, Feedback, StopKind
 
@@ -60,9 +60,33 @@ def test_clean_removes_the_segments_of_the_dead_and_never_one_in_use() -> None:
 
 
 def test_wrong_arguments_exit_with_2() -> None:
-    """No job, or one that does not exist."""
-    assert sjerk().returncode == 2
-    assert sjerk("dance").returncode == 2
+    """No verb, or one that does not exist; the message names the help."""
+    for words in ((), ("dance",)):
+        done = sjerk(*words)
+        assert done.returncode == 2
+        assert "verb" in done.stderr
+        assert "`sjerk --help` explains" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "verb"),
+    [
+        (["move", "0=1", "--fast"], "sjerk move"),
+        (["new", "robot.toml", "--axes", "2"], "sjerk new"),
+        (["ethercat", "scan", "eth0", "eth1"], "sjerk ethercat scan"),
+    ],
+)
+def test_an_unknown_word_is_told_with_the_usage_of_its_verb(
+    words: list[str], verb: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of a verb's own verb too; not with the list of all verbs."""
+    with pytest.raises(SystemExit) as ended:
+        main(words)
+    assert ended.value.code == 2
+    told = capsys.readouterr().err
+    assert told.startswith(f"usage: {verb} ")
+    assert f"`{verb} --help` explains" in told
+    assert "unrecognized" in told
 
 
 @pytest.mark.parametrize(
@@ -102,6 +126,31 @@ def test_words_by_axis(wanted: dict[int, float]) -> None:
     for wrong in ([*words, "1.0"], [*words, words[0]], [*words, "=1"], ["x"]):
         with pytest.raises(InputError, match="target"):
             by_axis("target", wrong)
+
+
+NAMES = st.text(st.characters(codec="utf-8"), min_size=1, max_size=15).filter(
+    lambda text: text == text.strip() and not text.lstrip("+-").isdigit()
+)
+
+
+@given(
+    st.lists(NAMES, min_size=1, max_size=8, unique=True),
+    st.lists(st.floats(allow_nan=False), min_size=8, max_size=8),
+    st.data(),
+)
+def test_an_axis_goes_by_its_name(
+    names: list[str], values: list[float], data: st.DataObject
+) -> None:
+    """Whatever is in it, an "=" too; by number and name twice, or by none, it is refused."""
+    wanted = {i: values[i] for i in range(len(names))}
+    by_name = data.draw(st.lists(st.booleans(), min_size=len(names), max_size=len(names)))
+    words = [f"{names[i] if by_name[i] else i}={value!r}" for i, value in wanted.items()]
+    assert numbered("target", by_axis("target", words), names) == wanted
+    twice = by_axis("target", ["0=1", f"{names[0]}=2"])
+    with pytest.raises(InputError, match="axis 0 is named twice"):
+        numbered("target", twice, names)
+    with pytest.raises(InputError, match="no name: "):
+        numbered("target", {"".join(names) + "x": 1.0}, names)
 
 
 @given(st.floats(max_value=-1e-300, allow_nan=False), st.sampled_from(["{!r}", "{:e}", "{:g}"]))
@@ -151,6 +200,7 @@ unit = "deg"
 counts_per_unit = 46603.37777777778
 limits = { velocity = 90, acceleration = 500, jerk = 5000, position = [-170, 170] }
 [[axes]]
+name = "elbow"
 unit = "deg"
 counts_per_unit = 46603.37777777778
 limits = { velocity = 90, acceleration = 400, jerk = 4000, position = [-170, 170] }
@@ -210,6 +260,20 @@ def test_a_person_runs_a_kernel_by_commands(tmp_path: Path) -> None:
         assert {row["count"] for row in after["times_us"]} == {after["cycles"]}
         judged = after["cyclictest_us"]
         assert judged == "not installed" or judged["count"] > 100
+        code, after = say("move", "elbow=-4")
+        assert code == 0
+        assert after["axes"][1]["position"] == -4.0
+        assert say("stop", "elbow")[0] == say("jog", "elbow=0", "0=0")[0] == 0
+        for words in (("stop", "wrist"), ("enable", "wrist"), ("move", "wrist=1")):
+            unknown = sjerk(*words, "--name", name)
+            assert unknown.returncode == 1
+            assert "'wrist': is no number 0 .. 1, and no name: elbow" in unknown.stderr
+        beside = sjerk("kernel", str(file), "--name", name)
+        assert beside.returncode == 1
+        assert f"`sjerk status --name {name}` shows it" in beside.stderr
+        code, after = say("disable", "elbow")
+        assert code == 0
+        assert [axis["state"] for axis in after["axes"]] == ["STANDSTILL", "DISABLED"]
         assert say("disable")[0] == 0
         waits = sjerk("move", "1", "2", "--buffer", "buffered", "--name", name)
         assert waits.returncode == 3

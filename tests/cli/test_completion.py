@@ -10,6 +10,7 @@ import pytest
 
 from sjerk.__main__ import arguments, main
 from sjerk.cli.completion import Node, bash, fish, nodes, zsh
+from sjerk.host import BUFFERS
 
 NODES = {node.path: node for node in nodes("", arguments())}
 
@@ -61,6 +62,10 @@ def test_a_shell_offers_the_verbs_and_the_options_of_each(shell: str, tmp_path: 
     assert "--force" in offered(shell, ["sjerk", "record", "run.mcap", "--fo"], tmp_path)
     assert offered(shell, ["sjerk", "completion", "ba"], tmp_path) == ["bash"]
     assert offered(shell, ["sjerk", "move", "--synchronization", "ph"], tmp_path) == ["phase"]
+    blends = offered(shell, ["sjerk", "move", "--buffer", "blend"], tmp_path)
+    modes = [mode for mode in BUFFERS if mode.startswith("blend ")]  # one word to the shell
+    told = [mode.replace(" ", "\\ ") if shell == "bash" else mode for mode in modes]
+    assert blends == sorted(told)
 
 
 def test_every_verb_and_option_of_the_parser_is_known() -> None:

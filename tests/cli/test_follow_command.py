@@ -64,6 +64,22 @@ def test_a_csv_on_an_own_kernel(kernel: Path, way: Path) -> None:
     assert {"point", "desired", "actual", "error"} <= set(lines[0])
 
 
+def test_an_axis_many_turns_on_follows_a_file_of_its_own_turn(tmp_path: Path) -> None:
+    """A table at turn 10, a file of two turns about 0: on by two turns, told as in the file."""
+    kernel, path = tmp_path / f"follow-{tmp_path.name}.toml", tmp_path / "table.csv"
+    kernel.write_text(
+        "cycle_time = 1e-3\n[[axes]]\nunit = 'deg'\nwrap = 360\nstart = 3605\n"
+        "counts_per_unit = 1000.0\ndrive = 'ideal'\n"
+        "limits = { velocity = 900, acceleration = 9000, jerk = 200000 }\n"
+    )
+    Trajectory(["table"], [0.0, 0.6, 1.2], [[5.0], [365.0], [725.0]]).to_csv(path)
+    out, err = sjerk("follow", path, "--kernel", kernel, "--json").communicate(timeout=120)
+    lines = [json.loads(line) for line in out.splitlines()]
+    assert lines[-1]["result"] == "SUCCESSFUL", err
+    assert [row["position"] for row in lines[-1]["positions"]] == [4325.0]
+    assert all(5.0 <= line["desired"][0] <= 725.0 for line in lines[:-1])
+
+
 def test_a_bag_in_radians_resampled_and_faster(kernel: Path) -> None:
     """Two joints of the shipped plan, by name, in degrees; progress on standard error."""
     joints = ["panda_joint1", "panda_joint6"]

@@ -96,12 +96,21 @@ def test_what_is_no_kernel_is_not_written(
     assert file.read_text() == "mine"
 
 
+def test_each_axis_has_the_turn_of_its_own_unit(tmp_path: Path) -> None:
+    """Units that differ, none of them told: counts of one turn in each axis' own."""
+    file = tmp_path / "robot.toml"
+    assert main(["new", str(file), "--names", "a", "b", "--unit", "deg", "rad", *NEEDED]) == 0
+    counts = [axis.counts_per_unit for axis in load(file).axes]
+    assert counts == [16777216 / 360.0, 16777216 / (2 * math.pi)]
+
+
 def test_it_asks_on_a_terminal(tmp_path: Path) -> None:
     """A real one: what is given is not asked, a word that is no number is asked again."""
     file = tmp_path / "robot.toml"
     ours, theirs = pty.openpty()
     order = [sys.executable, "-m", "sjerk", "new", str(file), "--names", "a", "b"]
-    answers = ["", "", "", "", "fast", "90 45", "500", "5000", "-170", "170", ""]
+    answers = ["", "", "", "-2", "", "fast", "90 45 3", "90 45", "500", "5000"]
+    answers += ["down", "-170", "170", "real", ""]
     process = subprocess.Popen(order, stdin=theirs, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     os.write(ours, "".join(f"{answer}\n" for answer in answers).encode())
     out, err = process.communicate(timeout=120)
@@ -110,7 +119,10 @@ def test_it_asks_on_a_terminal(tmp_path: Path) -> None:
     assert process.returncode == 0, err
     assert b"unit of the axes [deg]: " in out
     assert b"names of the axes" not in out
-    assert out.count(b"largest velocity") == 2
+    assert out.count(b"largest velocity") == 3
+    for asked_twice in (b"turns of the motor in one", b"lowest position", b"drives: "):
+        assert out.count(asked_twice) == 2
+    assert b"- for none; one for all axes" in err
     kernel = load(file)
     assert [axis.limits.velocity for axis in kernel.axes] == [90.0, 45.0]
     assert kernel.axes[1].limits.position == (-170.0, 170.0)

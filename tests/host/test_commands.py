@@ -146,6 +146,26 @@ def test_a_jog_holds_its_velocity_and_rests_at_the_position_limit() -> None:
     assert states(host) == [AxisState.STANDSTILL]
 
 
+@pytest.mark.parametrize("velocity", [0.0, 0.5, 60.0])
+def test_a_jog_of_zero_is_done_at_rest(velocity: float) -> None:
+    """From rest at once, from a jog once that is over; a fault on the way is none of it."""
+    kernel, host = stepped(axis((-20.0, 30.0)))
+    host.jog(velocity)
+    kernel.step(100)
+    rest = host.jog(0.0)
+    for _ in range(500):
+        kernel.step()
+        moves = host.feedback().axes[0].moving
+        assert rest.state is (MoveState.MOVING if moves else MoveState.DONE)
+        rest.check()
+    assert rest.done
+    turning = host.jog(10.0)
+    kernel.step(100)
+    host.halt(timeout=0.0)
+    kernel.step(500)
+    assert turning.state is MoveState.STOPPED
+
+
 def test_a_goal_that_leaves_the_limits_is_refused_before_it_moves() -> None:
     """Beyond a limit, relative too, and with a velocity that could not be stopped in time."""
     kernel, host = stepped(axis((-20.0, 30.0)))

@@ -150,7 +150,7 @@ def edited(whole: Path, file: Path, edit: Callable[[dict[str, Any]], object]) ->
     [
         (lambda d: d.update(cycle_time="zz"), "cycle_time = 'zz'"),
         (lambda d: d.update(cycle_time=1e99), "cycle_time"),
-        (lambda d: d.update(axes=None), "axes = None"),
+        (lambda d: d.update(axes=None), "axes: needs"),
         (lambda d: d.update(axes="zz"), "axes = 'zz'"),
         (lambda d: d.update(axes=[]), "axes"),
         (lambda d: d["axes"].__setitem__(1, "zz"), r"axes\[1\] = 'zz': must be a table"),
@@ -159,7 +159,7 @@ def edited(whole: Path, file: Path, edit: Callable[[dict[str, Any]], object]) ->
         (lambda d: d["axes"][2].update(drive={"feed": 0.5}), r"axes\[2\].drive.feed = 0.5"),
         (lambda d: d["axes"].__delitem__(1), "column = "),
         (lambda d: d["axes"].append(d["axes"][0]), "column = "),
-        (lambda d: d.__delitem__("axes"), "axes = None"),
+        (lambda d: d.__delitem__("axes"), "axes: needs"),
         (lambda d: d.update(reactions={"overrun": 1}), "reactions.overrun"),
         (lambda d: [1], r"description = \[1\]: must be a table"),
     ],

@@ -66,7 +66,8 @@ def followed(motion: Motion, pace: float = 1.0) -> tuple[list[Followed], Array, 
     return blocks, position, way
 
 
-@pytest.mark.parametrize("seed", range(RUNS))
+# 700: 57 way-points on 66 knots, which cannot meet them; finer ones can
+@pytest.mark.parametrize("seed", sorted({*range(RUNS), 700}))
 def test_a_motion_within_its_limits_takes_its_own_time(seed: int) -> None:
     """Two cycles more, ten where A/J is; each way-point within 1e-4 of the way, as it is told."""
     motion = Motion(seed)

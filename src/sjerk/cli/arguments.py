@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import math
+from collections.abc import Sequence
 
 from sjerk.errors import InputError
 
@@ -55,9 +56,15 @@ def _is_number(word: str) -> bool:
     return True
 
 
-def by_axis(what: str, words: list[str]) -> list[float] | dict[int, float]:
-    """Numbers in the order of the axes, or AXIS=NUMBER words; raises InputError."""
-    found: dict[int, float] = {}
+def by_axis(what: str, words: list[str]) -> list[float] | dict[int | str, float]:
+    """Numbers in the order of the axes, or AXIS=NUMBER words, AXIS a number or a name.
+
+    Raises InputError. Which axis has a name ``numbered`` knows.
+
+    >>> by_axis("target", ["0=10", "elbow=-5"])
+    {0: 10.0, 'elbow': -5.0}
+    """
+    found: dict[int | str, float] = {}
     words = [word.strip() for word in words]
     named = ["=" in word for word in words]
     if any(named) and not all(named):
@@ -65,10 +72,53 @@ def by_axis(what: str, words: list[str]) -> list[float] | dict[int, float]:
     for i, word in enumerate(words):
         name, _, number = word.rpartition("=")
         try:
-            axis, value = int(name) if named[i] else i, float(number)
+            axis, value = axis_word(name) if named[i] else i, float(number)
         except ValueError as fault:
             raise InputError(what, word, "must be a number or AXIS=NUMBER") from fault
         if axis in found:
             raise InputError(what, word, f"axis {axis} is named twice")
         found[axis] = value
     return found if any(named) else list(found.values())
+
+
+def axis_word(word: str) -> int | str:
+    """An axis by its number, or by its name where the word is no number; raises ValueError.
+
+    >>> axis_word("1"), axis_word("elbow")
+    (1, 'elbow')
+    """
+    try:
+        return int(word)
+    except ValueError:
+        if not word:
+            raise
+        return word
+
+
+def number_of(axis: int | str, names: Sequence[str]) -> int:
+    """The number of an axis, given as number or name; raises InputError that tells the names."""
+    if isinstance(axis, int):
+        return axis
+    if axis not in names:
+        known = ", ".join(name for name in names if name) or "no axis has a name"
+        raise InputError("axis", axis, f"is no number 0 .. {len(names) - 1}, and no name: {known}")
+    return names.index(axis)
+
+
+def numbered(
+    what: str, found: list[float] | dict[int | str, float], names: Sequence[str]
+) -> list[float] | dict[int, float]:
+    """What ``by_axis`` found, by the numbers of the axes of a kernel; raises InputError.
+
+    >>> numbered("target", {0: 10.0, "elbow": -5.0}, ["shoulder", "elbow"])
+    {0: 10.0, 1: -5.0}
+    """
+    if isinstance(found, list):
+        return found
+    axes: dict[int, float] = {}
+    for word, value in found.items():
+        axis = number_of(word, names)
+        if axis in axes:
+            raise InputError(what, f"{word}={value!r}", f"axis {axis} is named twice")
+        axes[axis] = value
+    return axes

@@ -14,6 +14,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from sjerk.cli.arguments import axis_word, number_of
 from sjerk.errors import HostTakenError, InputError, SegmentMissingError, SjerkError
 from sjerk.handshake import clean
 from sjerk.host import Feedback, Host, Monitor
@@ -102,6 +103,28 @@ def host_of(options: argparse.Namespace) -> Host:
             f"too, as Ctrl-C there or `kill -INT {pid}` does"
         )
         raise HostTakenError(what, name=taken.name, pid=pid) from None
+
+
+# ---- which axes
+
+
+def add_axes(job: Any) -> None:
+    """Add the axes that are meant, by number or name."""
+    job.add_argument("axes", nargs="*", type=axis_word, help="numbers or names; default: all")
+
+
+def names_of(kernel: Host | Monitor) -> list[str]:
+    """Names of the axes of the kernel, empty where one has none."""
+    return [axis.name for axis in kernel.feedback().axes]
+
+
+def axes_of(options: argparse.Namespace, kernel: Host | Monitor) -> list[int] | None:
+    """Numbers of the axes that are meant; None: all. Raises InputError."""
+    axes = options.axes or None
+    if axes is None or all(isinstance(axis, int) for axis in axes):
+        return axes  # a stop looks nothing up
+    names = names_of(kernel)
+    return [number_of(axis, names) for axis in axes]
 
 
 # ---- results

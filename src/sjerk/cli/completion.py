@@ -80,7 +80,7 @@ def nodes(path: str, parser: Parser) -> Iterator[Node]:
 
 def _words(node: Node) -> str:
     names = [name for option in node.options for name in option.names]
-    return shlex.quote(" ".join([*node.verbs, *node.choices, *names]))
+    return shlex.quote("\n".join([*node.verbs, *node.choices, *names]))  # a choice may have spaces
 
 
 def _values(found: list[Node]) -> Iterator[tuple[str, str]]:
@@ -88,7 +88,7 @@ def _values(found: list[Node]) -> Iterator[tuple[str, str]]:
     for node in found:
         for option in node.options:
             for name in option.names if option.takes_value else ():
-                yield f"{node.path}|{name}", shlex.quote(" ".join(option.choices))
+                yield f"{node.path}|{name}", shlex.quote("\n".join(option.choices))
 
 
 _WALK = """\
@@ -138,7 +138,9 @@ _sjerk() {{
     local words= path= current=${{COMP_WORDS[COMP_CWORD]}} before=${{COMP_WORDS[COMP_CWORD - 1]}}
     _sjerk_find "${{COMP_WORDS[@]:1:COMP_CWORD-1}}"
     _sjerk_values "$path|$before" || _sjerk_words "$path"
-    COMPREPLY=($(compgen -W "$words" -- "$current"))
+    local IFS=$'\\n'
+    COMPREPLY=($(compgen -W "$words" -- "${{current//\\\\/}}"))
+    COMPREPLY=("${{COMPREPLY[@]// /\\\\ }}")
 }}
 complete -o default -F _sjerk sjerk
 """
@@ -171,7 +173,7 @@ _sjerk() {{
     local words=
     if _sjerk_values "$path|$before"; then
         if [[ -n $words ]]; then
-            compadd -- ${{=words}}
+            compadd -- ${{(f)words}}
         else
             _files
         fi
@@ -219,7 +221,7 @@ def fish(found: list[Node]) -> str:
         for verb, text in node.verbs.items():
             lines.append(f"{here} -f -a {verb} -d {_fish_quoted(text)}")
         if node.choices:
-            lines.append(f"{here} -f -a {_fish_quoted(' '.join(node.choices))}")
+            lines.append(f"{here} -f -a {_fish_list(node.choices)}")
         for option in node.options:
             names = " ".join(
                 f"-l {name[2:]}" if name.startswith("--") else f"-s {name[1:]}"
@@ -227,7 +229,7 @@ def fish(found: list[Node]) -> str:
             )
             value = " -r" if option.takes_value else ""
             if option.choices:
-                value = f" -x -a {_fish_quoted(' '.join(option.choices))}"
+                value = f" -x -a {_fish_list(option.choices)}"
             lines.append(f"{here} {names}{value} -d {_fish_quoted(option.help)}")
     return "\n".join(lines) + "\n"
 
@@ -248,6 +250,11 @@ def _fish_quoted(text: str) -> str:
     r"""A word of fish, in which only \ and ' are special between quotes."""
     plain = text.replace("%%", "%").replace("\\", "\\\\").replace("'", "\\'")
     return plain if plain.isalnum() else f"'{plain}'"
+
+
+def _fish_list(words: tuple[str, ...]) -> str:
+    """A list for -a, which fish takes apart itself: each word is quoted in it."""
+    return _fish_quoted(" ".join(map(_fish_quoted, words)))
 
 
 _SHELLS = {"bash": bash, "zsh": zsh, "fish": fish}

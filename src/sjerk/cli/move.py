@@ -6,15 +6,17 @@ import argparse
 from dataclasses import replace
 from typing import Any
 
-from sjerk.cli.arguments import by_axis, duration
-from sjerk.cli.common import add_verb, host_of, show_axes
+from sjerk.cli.arguments import by_axis, duration, numbered
+from sjerk.cli.common import add_verb, host_of, names_of, show_axes
 from sjerk.host import BUFFERS
 
 
 def add_arguments(jobs: Any) -> None:
     """Add move."""
     job = add_verb(jobs, "move", run, "move to positions; returns at the goal")
-    job.add_argument("target", nargs="+", help="a position per axis, or AXIS=POSITION")
+    job.add_argument(
+        "target", nargs="+", help="a position per axis, or AXIS=POSITION by number or name"
+    )
     job.add_argument("--relative", action="store_true", help="targets are distances")
     job.add_argument(
         "--velocity", type=float, help="largest, axis units per s; default: the axes' own"
@@ -32,8 +34,9 @@ def add_arguments(jobs: Any) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Ctrl-C cancels the move."""
-    targets = by_axis("target", options.target)
+    words = by_axis("target", options.target)
     with host_of(options) as host:
+        targets = numbered("target", words, names_of(host))
         limits = None
         if options.velocity is not None:
             own = [axis.limits for axis in host.feedback().axes]

@@ -17,12 +17,39 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from sjerk.errors import InputError
+from sjerk.errors import InputError, SjerkError
 from sjerk.kernel import MotionKernel, described
 
 #: Units of one turn of an axis, by its unit.
 _TURN = {"deg": 360.0, "rad": 2.0 * math.pi, "turn": 1.0, "rev": 1.0}
 _DRIVES = ("simulated", "ideal", "external")
+_WHOLE = "as in `sjerk new robot.toml --names axis --velocity 90 --acceleration 500 --jerk 5000`"
+
+
+def _size(word: str) -> float:
+    value = float(word)
+    if not 0.0 < value < math.inf:
+        raise ValueError(word)
+    return value
+
+
+def _end(word: str) -> float | None:
+    return None if word == "-" else float(word)
+
+
+def _drive(word: str) -> str:
+    if word not in _DRIVES:
+        raise ValueError(word)
+    return word
+
+
+#: What to type, for somebody who typed something else, by what becomes of it.
+_HELP: dict[Callable[[str], Any], str] = {
+    str: "words without spaces, as in: shoulder elbow",
+    _size: "numbers greater than 0, one for all axes or one for each, as in: 90 or 90 180",
+    _end: "numbers, or - for none; one for all axes or one for each, as in: -170 or -170 -",
+    _drive: f"{', '.join(_DRIVES)}; one for all axes or one for each",
+}
 
 
 @dataclass(frozen=True)
@@ -38,15 +65,15 @@ class Question:
 _QUESTIONS = (
     Question("names", "names of the axes, in the order of the joints", str),
     Question("unit", "unit of the axes", str, "deg"),
-    Question("per_turn", "units in one turn behind the gear", float),
-    Question("increments", "increments of the encoder in one turn of the motor", float, "16777216"),
-    Question("gear", "turns of the motor in one turn of the axis", float, "1"),
-    Question("velocity", "largest velocity, unit/s", float),
-    Question("acceleration", "largest acceleration, unit/s^2", float),
-    Question("jerk", "largest jerk, unit/s^3", float),
-    Question("low", "lowest position, unit; - for none", str, "-"),
-    Question("high", "highest position, unit; - for none", str, "-"),
-    Question("drive", f"drives: {', '.join(_DRIVES)}", str, "simulated"),
+    Question("per_turn", "units in one turn behind the gear", _size),
+    Question("increments", "increments of the encoder in one turn of the motor", _size, "16777216"),
+    Question("gear", "turns of the motor in one turn of the axis", _size, "1"),
+    Question("velocity", "largest velocity, unit/s", _size),
+    Question("acceleration", "largest acceleration, unit/s^2", _size),
+    Question("jerk", "largest jerk, unit/s^3", _size),
+    Question("low", "lowest position, unit; - for none", _end, "-"),
+    Question("high", "highest position, unit; - for none", _end, "-"),
+    Question("drive", f"drives: {', '.join(_DRIVES)}", _drive, "simulated"),
 )
 
 
@@ -74,9 +101,12 @@ def run(options: argparse.Namespace) -> int:
     text = description(words, cycle_time=options.cycle_time, priority=options.priority)
     kernel = checked(options.file, text)
     options.file.write_text(text, encoding="utf-8")
-    print(f"{options.file}: {len(kernel.axes)} axes, {kernel.cycle_time * 1e3:g} ms")
-    if words["drive"][0] == "external":
-        print("next: `sjerk ethercat describe IF` tells the tables of the drives on a cable")
+    count = len(kernel.axes)
+    axes = "1 axis" if count == 1 else f"{count} axes"
+    print(f"{options.file}: {axes}, {kernel.cycle_time * 1e3:g} ms")
+    if "external" in words["drive"]:
+        print("next: a loop of your own (`load`, `MotionKernel.step`); or, for drives on EtherCAT,")
+        print("`sjerk ethercat describe IF` prints [ethercat] and [axes.ethercat] to be put in")
         return 0
     print(f"next: sjerk kernel {options.file}")
     print("then, in another terminal: sjerk enable && sjerk move 0=1 && sjerk status")
@@ -93,23 +123,27 @@ def _answers(options: argparse.Namespace, asks: bool) -> dict[str, list[str]]:
     for question in _QUESTIONS:
         given = getattr(options, question.name)
         default = question.default
-        if question.name == "per_turn" and words["unit"][0] in _TURN:
-            default = repr(_TURN[words["unit"][0]])
+        if question.name == "per_turn" and _TURN.keys() >= set(words["unit"]):
+            default = " ".join(repr(_TURN[unit]) for unit in words["unit"])  # each its own
         if given is None and asks:
-            given = _asked(question, default)
+            axes = len(words["names"]) if "names" in words else None
+            given = _asked(question, default, axes)
         if given is None and default is not None:
-            given = [default]
+            given = default.split()
         if given is None:
             missing.append(f"--{question.name.replace('_', '-')}")
             continue
         words[question.name] = [word.strip() for word in given]
     if missing:
-        raise InputError("options", " ".join(missing), "are needed where nothing can be asked")
+        raise SjerkError(f"{' '.join(missing)}: needed, since here nothing can be asked; {_WHOLE}")
     return words
 
 
-def _asked(question: Question, default: str | None) -> list[str] | None:
-    """One line of words; asked again until each of them can be used. None: the default."""
+def _asked(question: Question, default: str | None, axes: int | None) -> list[str] | None:
+    """One line of words; asked again until each of them can be used. None: the default.
+
+    ``axes``: so many words, or one; None: at least one.
+    """
     shown = f" [{default}]" if default is not None else ""
     while True:
         try:
@@ -119,11 +153,12 @@ def _asked(question: Question, default: str | None) -> list[str] | None:
         if not line and default is not None:
             return None
         try:
-            if [question.kind(word) for word in line]:
+            read = [question.kind(word) for word in line]
+            if read and (axes is None or len(read) in (1, axes)):
                 return line
         except ValueError:
             pass
-        print("one value for all axes, or one for each", file=sys.stderr)
+        print(_HELP[question.kind], file=sys.stderr)
 
 
 # ---- the file

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import shlex
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from sjerk.errors import (
     RefusedError,
     SegmentMemoryError,
     SegmentMissingError,
+    SegmentTakenError,
     SegmentVersionError,
 )
 
@@ -42,6 +44,11 @@ def next_step(error: Exception) -> str:
         return f"`sjerk reset` resets faults, {_SHOWS}" if error.faults else _SHOWS
     if isinstance(error, SegmentMemoryError | PermissionError):
         return "`sjerk doctor` tells what this machine grants"
+    if isinstance(error, SegmentTakenError):
+        name = shlex.quote(error.name)
+        return f"`sjerk status --name {name}` shows it, another --name starts one beside it"
+    if isinstance(error, OSError) and error.errno == errno.ENODEV:
+        return "`ip link` lists the interfaces"
     if isinstance(error, SegmentVersionError):
         return "start the kernel again, with the sjerk that commands it: `sjerk --version`"
     if isinstance(error, FileNotFoundError) and Path(str(error.filename)).suffix == ".toml":

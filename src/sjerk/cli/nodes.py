@@ -52,8 +52,8 @@ def node_module(node: str, ros: int) -> ModuleType:
     try:
         return load(f"sjerk.ports.ros.ros{ros}_{_MODULES[node]}", extra=f"ros{ros}")
     except ExtraMissingError as fault:
-        what = f"{fault.module!r} is not installed: source a ROS {ros}, or make one"
-        raise SjerkError(f"{what} (tools/ros{ros}_venv.sh)") from fault
+        what = f"{fault.module!r} is not installed: source a ROS {ros}"
+        raise SjerkError(f"{what}; `./run ros{ros}` in a clone of sjerk makes one") from fault
 
 
 def ros2_controller() -> int:

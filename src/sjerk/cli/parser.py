@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import Any, NoReturn
 
 
 class _Verbs:
@@ -14,7 +14,9 @@ class _Verbs:
         self._jobs = jobs
 
     def add_parser(self, name: str, **words: Any) -> Any:
-        return self._jobs.add_parser(name, **({"description": words.get("help")} | words))
+        job = self._jobs.add_parser(name, **({"description": words.get("help")} | words))
+        job.set_defaults(verb_parser=job)  # of a verb's own verbs the innermost one stands
+        return job
 
 
 class Parser(argparse.ArgumentParser):
@@ -22,8 +24,19 @@ class Parser(argparse.ArgumentParser):
 
     def add_subparsers(self, **words: Any) -> Any:
         """As of argparse, with the help of each verb as its description."""
-        jobs = super().add_subparsers(**words)
+        jobs = super().add_subparsers(**({"metavar": "verb"} | words))
         return _Verbs(jobs)
+
+    def parse_args(self, args: Sequence[str] | None = None, namespace: Any = None) -> Any:  # type: ignore[override]
+        """As of argparse; words that a verb does not know are told with that verb's usage."""
+        options, rest = self.parse_known_args(args, namespace)
+        if rest:
+            getattr(options, "verb_parser", self).error(f"unrecognized: {' '.join(rest)}")
+        return options
+
+    def error(self, message: str) -> NoReturn:
+        """As of argparse, exit code 2; the next step is its help."""
+        super().error(f"{message}; `{self.prog} --help` explains")
 
     @property
     def arguments(self) -> list[argparse.Action]:

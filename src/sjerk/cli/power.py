@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from sjerk.cli.common import add_verb, host_of, show_axes
+from sjerk.cli.common import add_axes, add_verb, axes_of, host_of, show_axes
 
 
 def add_arguments(jobs: Any) -> None:
@@ -16,12 +16,17 @@ def add_arguments(jobs: Any) -> None:
         ("reset", "reset faults"),
     ):
         job = add_verb(jobs, verb, run, text)
-        job.add_argument("axes", nargs="*", type=int, help="default: all")
+        add_axes(job)
 
 
 def run(options: argparse.Namespace) -> int:
     """Do what the verb says."""
     with host_of(options) as host:
-        order = {"enable": host.enable, "disable": host.disable, "reset": host.reset}[options.job]
-        order(axes=options.axes or None)
+        axes = axes_of(options, host)
+        if options.job == "enable":
+            host.enable(axes=axes)
+        elif options.job == "disable":
+            host.disable(axes=axes)
+        else:
+            host.reset(axes=axes)
         return show_axes(options, host)

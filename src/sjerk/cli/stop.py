@@ -9,7 +9,7 @@ import signal
 import time
 from typing import Any
 
-from sjerk.cli.common import PATIENCE_S, add_verb, name_of, show_axes
+from sjerk.cli.common import PATIENCE_S, add_axes, add_verb, axes_of, name_of, show_axes
 from sjerk.errors import HostTakenError
 from sjerk.host import Monitor
 
@@ -17,7 +17,7 @@ from sjerk.host import Monitor
 def add_arguments(jobs: Any) -> None:
     """Add stop."""
     job = add_verb(jobs, "stop", run, "halt, or quick stop; returns at rest")
-    job.add_argument("axes", nargs="*", type=int, help="default: all")
+    add_axes(job)
     job.add_argument("--quick", action="store_true", help="each axis by its own stop limits")
     job.add_argument(
         "--interrupt",
@@ -48,10 +48,11 @@ def run(options: argparse.Namespace) -> int:
     """Return at rest."""
     with Monitor.attach(name_of(options), any_owner=options.any_owner) as monitor:
         stop = monitor.quick_stop if options.quick else monitor.halt
-        stop(axes=options.axes or None)
+        axes = axes_of(options, monitor)
+        stop(axes=axes)
         if options.interrupt:
             try:
                 _interrupt(monitor)
             finally:
-                stop(axes=options.axes or None)
+                stop(axes=axes)
         return show_axes(options, monitor)

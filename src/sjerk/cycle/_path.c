@@ -6,7 +6,8 @@
  *
  * Never here: positions along the path (_track.c), its feed (_pace.c), drives, memory of its own.
  */
-#include <math.h> /* fabs, fmax, fmin */
+#include <float.h> /* DBL_EPSILON */
+#include <math.h>  /* fabs, floor, fmax, fmin */
 #include <stddef.h>
 #include <stdint.h>
 #include "base/_double_double.h"
@@ -15,21 +16,39 @@
 #include "cycle/_motion.h"
 #include "cycle/_path.h"
 
-/* How far off a path may begin, as a part of what one cycle of jerk moves. */
-static const double START = 1e-3;
+/* How far off a path may begin: a part of what one cycle of jerk moves, and rounding. */
+static const double START = 1e-3, NOISE = 2.0 * DBL_EPSILON;
 
 /* ---- records --------------------------------------------------------------------------------- */
+
+/* Whole turns from a position to where an axis that wraps is: the nearest, of two the one ahead. */
+static sj_exact turn_of(const sj_axis *ax, double position)
+{
+    double wrap = ax->config.wrap, turns;
+    if (!(wrap > 0.0))
+        return exact_of(0.0);
+    turns = floor((ax->interpolator.q.hi - position) / wrap + 0.5);
+    return turns == 0.0 ? exact_of(0.0) : exact_two_product(turns, wrap);
+}
+
+static double turned(double position, sj_exact turn)
+{
+    return exact_add(exact_of(position), turn).hi;
+}
 
 static int32_t judge(const sj_kernel *kernel, const sj_record *record, int32_t axis)
 {
     const sj_axis *ax = &kernel->axis[axis];
+    double at;
     if (sj_axis_next(ax->state, SJ_TRIGGER_SYNCHRONIZE) < 0)
         return ax->following || ax->error || ax->state == SJ_AXIS_HOMING ? SJ_RESULT_STATE
                                                                          : SJ_RESULT_NOT_FOLLOWING;
     if (!ax->following || !ax->enable)
         return SJ_RESULT_NOT_FOLLOWING;
-    if (!(fabs(record->axis[axis].position - ax->interpolator.q.hi) <=
-          START * ax->config.limits.jerk))
+    at = record->axis[axis].position;
+    at = turned(at, turn_of(ax, at));
+    if (!(fabs(at - ax->interpolator.q.hi) <=
+          START * ax->config.limits.jerk + NOISE * fabs(ax->interpolator.q.hi)))
         return SJ_RESULT_START;
     return SJ_RESULT_ACCEPTED;
 }
@@ -77,7 +96,8 @@ static int32_t open(sj_kernel *kernel, sj_waiting *waiting)
         sj_axis_feedback *out = &kernel->feedback.axis[i];
         if ((waiting->axes & axis_bit(i)) == 0)
             continue;
-        position[path->count] = waiting->record.axis[i].position;
+        path->turn[path->count] = turn_of(ax, waiting->record.axis[i].position);
+        position[path->count] = turned(waiting->record.axis[i].position, path->turn[path->count]);
         limits[path->count] = limits_of(ax);
         path->axis[path->count++] = i;
         ax->goal_id = path->goal_id;
@@ -129,7 +149,7 @@ static int32_t add(sj_kernel *kernel, const sj_record *record)
         return OFFER_TAKEN; /* of a path that is over */
     for (int32_t k = 0; k < path->count; k++) {
         const sj_axis_record *in = &record->axis[path->axis[k]];
-        axis[k] = (sj_track_axis){in->position,
+        axis[k] = (sj_track_axis){turned(in->position, path->turn[k]),
                                   in->velocity,
                                   in->acceleration,
                                   in->last_jerk,

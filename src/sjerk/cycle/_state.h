@@ -111,7 +111,8 @@ typedef struct {
     uint64_t axes;            /* bit n: axis n is driven by it; 0: none is in play */
     int32_t count;            /* of its axes */
     int32_t cancelled;
-    int32_t axis[64]; /* of the kernel, by axis of the track */
+    int32_t axis[64];  /* of the kernel, by axis of the track */
+    sj_exact turn[64]; /* from the positions of its records to the axis: whole turns, likewise */
     sj_player player;
 } sj_path;
 

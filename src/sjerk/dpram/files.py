@@ -333,9 +333,9 @@ def _make_room(name: str, replace_stale: bool) -> None:
                 name=name,
             )
         if not take_lock(fd, fcntl.F_WRLCK, Lock.PRESENT):
+            asked = name.removesuffix(TRACE)
             raise errors.SegmentTakenError(
-                f"segment {name.removesuffix(TRACE)!r} is in use: a kernel of this name is running",
-                name=name,
+                f"segment {asked!r} is in use: a kernel of this name is running", name=asked
             )
         if not still_named(fd, path):
             return

@@ -25,15 +25,18 @@ class Jump(enum.IntEnum):
 
 
 class DriveConfigError(SjerkError, ValueError):
-    """A field of `DriveConfig` is out of range: `field`, `value`, and `low` to `high` it may be."""
+    """A field of `DriveConfig` is out of range: `field`, `value`, and `low` to `high` it may be.
+
+    `reason` says it in words.
+    """
 
     def __init__(self, field: str, value: float, low: float, high: float) -> None:
         """Name the field, the value and the limits."""
         inside = low <= value <= high
-        reason = (
+        self.reason = (
             "does not fit the other fields" if inside else f"is outside {low:.10g} .. {high:.10g}"
         )
-        super().__init__(f"{field} = {value!r} {reason}")
+        super().__init__(f"{field} = {value!r} {self.reason}")
         self.field, self.value, self.low, self.high = field, value, low, high
 
 

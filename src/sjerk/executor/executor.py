@@ -59,6 +59,9 @@ class TrajectoryExecutor:
     process a thread watches; in a caller's own loop ``update`` must be called now and then between
     ``MotionKernel.step``.
 
+    Of axes that wrap (``Axis.wrap``) the first way-point that is due chooses the turn, the nearest
+    one to where the axis is when the motion begins; the others are relative to it.
+
     A new goal takes over from the motion of the one before, at its stamp or as soon as it can be,
     without a stop where limits allow; a goal that is canceled comes to rest on its path.
 
@@ -440,8 +443,8 @@ class TrajectoryExecutor:
             plan.offset + self._sequencer.time(progress),
             int(plan.points[i]),
             progress.speed,
-            rows[0],
-            rows[1],
+            plan.told(rows[0]),
+            plan.told(rows[1]),
             rows[0] - rows[1],
             rows[2],
             rows[3],

@@ -76,7 +76,8 @@ class GoalFeedback:
     """Where the joints of a goal are, in its trajectory's order of joints.
 
     ``time`` (s): of the trajectory's own clock, stretches included; ``point``: the way-point ahead.
-    ``desired`` is commanded, ``actual`` the encoder's, ``error`` their difference: (N,) each.
+    ``desired`` is commanded, ``actual`` the encoder's, ``error`` their difference: (N,) each; of
+    axes that wrap both positions in the trajectory's own turn.
     """
 
     joint_names: tuple[str, ...]

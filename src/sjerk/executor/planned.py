@@ -14,6 +14,8 @@ from sjerk.executor.goal import Settings
 from sjerk.executor.joints import Joints
 from sjerk.executor.sequencer import counted
 from sjerk.host import Feedback
+from sjerk.host.turns import Turns, nearest_turns
+from sjerk.profile import FloatArray
 from sjerk.trajectory import ExecutionMode, FaultKind, Trajectory, TrajectoryError, resample
 from sjerk.trajectory.entering import Entered, Entry
 from sjerk.trajectory.segments import IntArray, Knot
@@ -24,31 +26,47 @@ class PlannedGoal:
     """How the motion of a goal is planned: of its axes in ascending order, along its way-points.
 
     ``joint_axes``: axis numbers in the trajectory's order of joints. ``chosen`` (m,): which of its
-    way-points; ``offset`` (s): of its time that was over at the begin; ``points``: the way-point
-    ahead in each segment of what was planned last; ``stretch``: cycles more than asked for, of it.
+    way-points; ``wrap`` (N,): of the axes. ``offset`` (s): of its time that was over at the begin;
+    ``points``: the way-point ahead in each segment of what was planned last; ``stretch``: cycles
+    more than asked for, of it; ``turns``: of the axes, in it.
     """
 
+    trajectory: Trajectory
     joint_axes: list[int]
     axes: list[int]
     way_points: Trajectory
     chosen: NDArray[np.intp]
     entry: Entry
+    wrap: FloatArray
     stamp: float
     single: bool
     offset: float = 0.0
     stretch: int = 0
     points: IntArray = field(default_factory=lambda: np.zeros(1, dtype=np.int64))
+    turns: Turns = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.turns = Turns(np.zeros(len(self.wrap)), self.wrap)
 
     def enter(self, knot: Knot, begins: float) -> Entered:
         """From a state, at a time of the clock."""
         self.stretch = 0
         self.offset = max(0.0, begins - self.stamp) if self.stamp else 0.0
         elapsed = begins - self.stamp if self.stamp else 0.0
-        last = self.way_points.time[-1]
-        made = self.entry.enter(self.way_points, knot, last if self.single else elapsed)
+        # the first way-point whose time is not over, also where another is gone to
+        time, columns = self.trajectory.time, [self.joint_axes.index(i) for i in self.axes]
+        first = min(int(np.searchsorted(time, elapsed)), len(time) - 1)
+        begin = self.trajectory.position[first, columns]
+        self.turns = Turns.nearest(begin, knot.position, self.wrap)
+        way = _with(self.way_points, position=self.turns.onto(self.way_points.position))
+        made = self.entry.enter(way, knot, way.time[-1] if self.single else elapsed)
         self.points = self.chosen[made.points]
         made.blocks = counted(made.blocks, self._lose)
         return made
+
+    def told(self, position: FloatArray) -> FloatArray:
+        """Where axes are, in the turn of the trajectory: (N,), in its order of joints."""
+        return self.turns.of([self.axes.index(i) for i in self.joint_axes]).back(position)
 
     def _lose(self, cycles: int) -> None:
         self.stretch += cycles
@@ -84,11 +102,12 @@ def planned(
     joint_axes = [joints.axis(name) for name in names]
     axes = [frame.axes[i] for i in joint_axes]
     tolerance = settings.start_tolerance
+    start = nearest_turns(trajectory.position[0], axes).back([axis.position for axis in axes])
     faults += [
         fault
         for fault in trajectory.faults(
             [axis.limits for axis in axes],
-            start=None if tolerance is None else [axis.position for axis in axes],
+            start=None if tolerance is None else start,
             start_tolerance=tolerance or 1.0,
             end_velocity_allowed=settings.allow_end_velocity,
         )
@@ -105,6 +124,7 @@ def planned(
         chosen = resample(trajectory.position, settings.resampling_delta)
     order = sorted(joint_axes)  # two goals of the same joints are then of the same axes
     return PlannedGoal(
+        trajectory,
         joint_axes,
         order,
         _to_rest(trajectory.take(chosen).for_joints([joints.name(i) for i in order])),
@@ -115,6 +135,7 @@ def planned(
             settings.use_velocities,
             settings.tolerance,
         ),
+        np.array([frame.axes[i].wrap for i in order]),
         stamp,
         single,
     )
@@ -126,4 +147,17 @@ def _to_rest(way: Trajectory) -> Trajectory:
         return way
     velocity = way.velocity.copy()
     velocity[-1] = 0.0
-    return Trajectory(way.joint_names, way.time, way.position, velocity, way.acceleration)
+    return _with(way, velocity=velocity)
+
+
+def _with(
+    way: Trajectory, *, position: FloatArray | None = None, velocity: FloatArray | None = None
+) -> Trajectory:
+    """The same, with these rows."""
+    return Trajectory(
+        way.joint_names,
+        way.time,
+        way.position if position is None else position,
+        way.velocity if velocity is None else velocity,
+        way.acceleration,
+    )

@@ -20,7 +20,8 @@ from numpy.typing import ArrayLike
 from sjerk.errors import InputError, SjerkError, positive
 from sjerk.host import Host, Path, PathState
 from sjerk.host.arguments import joint_axes
-from sjerk.profile import FloatArray, Limits
+from sjerk.host.turns import Turns
+from sjerk.profile import Limits
 from sjerk.trajectory.known import row_of
 from sjerk.trajectory.segments import Followed
 from sjerk.trajectory.stream_report import StreamReport
@@ -61,8 +62,8 @@ class StreamPlayer:
                 raise InputError("axes", i, f"must be at rest to begin a stream, not at {speed!r}")
         self._limits: list[Limits] = [frame.axes[i].limits for i in self._axes]
         self._start = np.array([frame.axes[i].position for i in self._axes])
-        self._turn = np.array([frame.axes[i].wrap for i in self._axes])
-        self._shift: FloatArray | None = None  # whole turns, once a goal has come
+        self._wrap = [frame.axes[i].wrap for i in self._axes]
+        self._turns: Turns | None = None  # once a goal has come
         self._stream = GoalStream(
             self._limits,
             self._T,
@@ -111,17 +112,13 @@ class StreamPlayer:
         self._check()
         goal = row_of("position", position, len(self._axes))
         with self._lock:
-            shift = self._shift
-            if shift is None:
-                wraps = self._turn > 0.0
-                turns = np.zeros(len(goal))
-                np.divide(self._start - goal, self._turn, out=turns, where=wraps)
-                shift = np.round(turns) * self._turn
+            turns = self._turns or Turns.nearest(goal, self._start, self._wrap)
+            goal = turns.onto(goal)
             for stream in self._streams():
-                stream.check(goal + shift, time, velocity=velocity)
+                stream.check(goal, time, velocity=velocity)
             for stream in self._streams():
-                stream.push(goal + shift, time, velocity=velocity)
-            self._shift = shift
+                stream.push(goal, time, velocity=velocity)
+            self._turns = turns
 
     def end(self) -> None:
         """No goal comes any more: the motion ends at rest on the last one."""

@@ -14,6 +14,7 @@ import numpy as np
 
 from sjerk._binding import lib
 from sjerk.errors import InputError, real
+from sjerk.host.turns import Turns
 from sjerk.planner import check_target
 from sjerk.profile import FloatArray, Limits, State
 
@@ -159,8 +160,9 @@ def turned(
         wrap, at = wraps[i], positions[i]
         if not wrap:
             raise InputError("direction", direction, f"axis {i} does not wrap")
-        distance = (goal.position - at) % wrap
-        if direction == "negative" or (direction == "shortest" and distance > wrap / 2):
-            distance -= wrap if distance else 0.0
-        found[i] = replace(goal, position=at + distance)
+        turns = Turns.nearest([goal.position], [at], [wrap])
+        [position] = turns.onto([goal.position]).tolist()
+        further = {"positive": int(position < at), "negative": -int(position > at)}
+        turns = replace(turns, count=turns.count + further.get(direction, 0))
+        found[i] = replace(goal, position=float(turns.onto([goal.position])[0]))
     return found

@@ -363,9 +363,10 @@ class Host(Observer):
         caller's own loop; a source may yield None where its next block is not there yet. ``axes``:
         one per joint, else all in order. The path begins from rest at its first way-point (``move``
         there before) when the axes are at rest and no other path plays; what comes later for these
-        axes waits for its end. Returns at once; the handle shows the rest. Raises InputError, and
-        what the source of the blocks raises at first; a refusal by the kernel is raised by
-        ``Path.wait``.
+        axes waits for its end. Of axes that wrap the first way-point chooses the turn, the nearest
+        one to where the axis is then. Returns at once; the handle shows the rest. Raises
+        InputError, and what the source of the blocks raises at first; a refusal by the kernel is
+        raised by ``Path.wait``.
         """
         return play(self._link, blocks, joint_axes(axes, self.axis_count))
 
@@ -380,7 +381,8 @@ class Host(Observer):
         At a position limit it comes to rest; then the velocity is what whole cycles leave of it.
 
         One velocity for the one axis, one per axis, or by axis number; 0 brings to rest. The handle
-        is never ``done``: ``cancel`` it, or give another goal. Raises InputError.
+        is never ``done`` (of zeros alone it is, at rest): ``cancel`` it, or give another goal.
+        Raises InputError.
         """
         wanted = by_axis("velocity", velocity, self.axis_count)
         own = lower_limits(limits, wanted, self._link.limits)
@@ -418,7 +420,9 @@ class Host(Observer):
             self._link.replacing(int(command.goal_id), targets)
             self._link.publish()
             known = kind == lib.SJ_GOAL_ABSOLUTE
-            return Move(self._link, int(command.goal_id), targets, known=known, limits=own)
+            rest = kind == lib.SJ_GOAL_JOG and not any(goal.velocity for goal in targets.values())
+            goal_id = int(command.goal_id)
+            return Move(self._link, goal_id, targets, known=known, limits=own, rest=rest)
 
     def _queue(
         self,

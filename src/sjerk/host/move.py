@@ -35,6 +35,8 @@ def _reached(axis: Any, goal: State, known: bool) -> bool:
     return bool(axis.settled or (known and not axis.moving and axis.position == goal.position))
 
 
+#: States of an axis that has come to rest as ordered; its state follows a cycle behind.
+_STANDS = (lib.SJ_AXIS_STANDSTILL, lib.SJ_AXIS_CONTINUOUS)
 _OPEN = (MoveState.SENT, MoveState.QUEUED, MoveState.MOVING)
 
 
@@ -66,12 +68,14 @@ class Move:
         known: bool = True,
         number: int = 0,
         limits: Mapping[int, Limits] | None = None,
+        rest: bool = False,
     ) -> None:
         """Not for callers: ``Host.move`` makes it.
 
         ``known``: the targets are positions. ``number``: in the look-ahead ring, of a queued move.
-        ``limits``: what was asked for, by axis.
+        ``limits``: what was asked for, by axis. ``rest``: a jog to velocity 0, done at rest.
         """
+        self._rest = rest
         self._limits = limits or {}
         self._number = number
         self._link = link
@@ -126,7 +130,10 @@ class Move:
             for a, goal in zip(axes, self._targets.values(), strict=True)
         ):
             return MoveState.DONE
-        return MoveState.MOVING if any(a.moving for a in axes) else MoveState.STOPPED
+        if any(a.moving for a in axes):
+            return MoveState.MOVING
+        stands = self._rest and all(axis.state in _STANDS for axis in axes)
+        return MoveState.DONE if stands else MoveState.STOPPED
 
     def _unanswered(self) -> MoveState:
         """Of a queued move that the kernel has not begun, and not refused."""

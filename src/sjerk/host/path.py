@@ -20,6 +20,7 @@ from sjerk.host.link import Link
 from sjerk.host.path_feeder import PathFeeder
 from sjerk.host.path_goal import PathGoal
 from sjerk.host.path_records import Blocks
+from sjerk.host.turns import Turns
 
 _NAMES = ("velocity", "acceleration", "jerk")
 
@@ -236,9 +237,9 @@ class Path:
             raw = frame.axis[i]
             if code == lib.SJ_RESULT_START and self._feeder.records.start:
                 asked, now = self._feeder.records.start[k], float(raw.position)
-                found.append(
-                    (abs(asked - now), i, f"it begins at {asked!r}, the axis is at {now!r}")
-                )
+                [apart] = Turns.nearest([asked], [now], [raw.wrap]).onto([asked]) - now
+                text = f"it begins at {asked!r}, the axis is at {now!r}"
+                found.append((abs(float(apart)), i, text))
             elif code == lib.SJ_RESULT_LIMITS:
                 own = limits_of(raw, self._link.cycle_time)
                 least = (

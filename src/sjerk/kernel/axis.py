@@ -27,7 +27,8 @@ class Axis:
     ``counts_per_unit``: drive increments per axis unit, e.g. 2**24 / 360 for degrees at a 24-bit
     encoder; ``gear``: motor turns per turn of the axis. ``limits.position``: the position
     limits. ``stop_limits``: of the quick stop, else ``limits``. ``wrap``: axis units of one turn of
-    an axis that turns for ever. ``following_error`` (axis unit): beyond it the kernel reacts.
+    an axis that turns for ever, which has no position limits; of a motion through points the first
+    one chooses the turn. ``following_error`` (axis unit): beyond it the kernel reacts.
     ``drive``: the simulated one; ``"ideal"``: without mechanics, always on its target;
     ``"external"``: the caller exchanges ``MotionKernel.image`` around ``step``.
     ``feed_forward``: what the kernel sends with each target. ``"velocity"``: 60B1h; ``"torque"``:

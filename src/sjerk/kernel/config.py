@@ -30,7 +30,7 @@ def load(
 
     >>> load("/dev/null")
     Traceback (most recent call last):
-    sjerk.errors.ConfigError: /dev/null: axes = None: needs at least one [[axes]]
+    sjerk.errors.ConfigError: /dev/null: axes: needs at least one [[axes]]
     """
     return described(path, read_table(path), name=name, group=group)
 

@@ -11,6 +11,7 @@ import json
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -66,6 +67,8 @@ class MotionKernel:
     ...     kernel.step()
     >>> host.feedback().axes[0].position
     1.0
+
+    One that has not begun can be pickled, to be run in another process.
     """
 
     def __init__(
@@ -100,6 +103,7 @@ class MotionKernel:
         for field, given, kind in (("clock", clock, Clock), ("reactions", reactions, Reactions)):
             if given is not None and not isinstance(given, kind):
                 raise InputError(field, given, f"must be a {kind.__name__}")
+        self._named = name
         self._name = name or f"kernel-{os.getpid()}-{next(_numbers)}"
         self._group = group_number(group)
         self.clock = clock or Clock()
@@ -118,6 +122,24 @@ class MotionKernel:
         self._positions: NDArray[np.float64] | None = None
         self._ended = False
         self._steps = False  # in the caller's own loop, and nobody looks on
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """For ``pickle`` and ``copy``: another one that has not begun; raises SjerkError else."""
+        if self._segment is not None or self._image is not None or self._ended:
+            raise SjerkError(
+                f"kernel {self._name!r} has begun, and its state is not copied: pickle a new one, "
+                "or a recording of it"
+            )
+        make = partial(
+            type(self),
+            self._axes,
+            self._T,
+            name=self._named,
+            clock=self.clock,
+            reactions=self._reactions,
+            group=self._group,
+        )
+        return make, (), {"port": self.port}
 
     @property
     def name(self) -> str:
@@ -156,7 +178,10 @@ class MotionKernel:
         if self._segment is not None or self._ended:
             raise SjerkError(f"kernel {self._name!r} is in use or has ended: make a new one")
         if self.port is None and any(axis.drive == "external" for axis in self._axes):
-            raise SjerkError("external drives are for step(): nobody would exchange their image")
+            raise SjerkError(
+                "external drives are for step(), or for a bus ([ethercat] of a TOML file, which "
+                "`sjerk kernel` runs): in a process nobody would exchange their image"
+            )
         text = self._description()
         self._check_description(text)
         own = layout(len(self._axes))

@@ -6,8 +6,9 @@ files, kernels, motion.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import fields
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ from sjerk.profile import Limits
 PORTS = ("ethercat",)
 #: Tables of the whole file that say nothing of the kernel: who shows it reads them.
 SHOWN_BY = ("panel",)
+_FEW = 16  # names that are read through
 
 
 class Place:
@@ -41,7 +43,7 @@ class Place:
     def known(self, *names: str) -> None:
         for key, value in self.table.items():
             if key not in names:
-                raise self.error(key, value, f"unknown; known are {', '.join(names)}")
+                raise self.error(key, value, _unknown(key, names))
 
     def make(self, kind: Callable[..., Any], required: tuple[str, ...], values: Any) -> Any:
         """Construct ``kind``; its own complaint is raised with the place."""
@@ -51,7 +53,7 @@ class Place:
         try:
             return kind(**values)
         except (InputError, DriveConfigError) as fault:
-            why = fault.limit if isinstance(fault, InputError) else str(fault)
+            why = fault.limit if isinstance(fault, InputError) else fault.reason
             raise self.error(fault.field, fault.value, why) from fault
 
 
@@ -106,6 +108,19 @@ def without_ports(table: object) -> object:
         rows.append(plain if isinstance(row, dict) else row)
     rest = {key: value for key, value in table.items() if key not in (*PORTS, "axes")}
     return rest | {"axes": rows}
+
+
+def _unknown(key: str, names: Sequence[str]) -> str:
+    """Why a key is refused: what is known, and of many names the ones that look like it.
+
+    >>> _unknown("jrk", ["velocity", "jerk"])
+    'unknown; known are velocity, jerk'
+    """
+    if len(names) <= _FEW:
+        return f"unknown; known are {', '.join(names)}"
+    close = get_close_matches(key, names, n=3, cutoff=0.5)
+    like = f"; like it are {', '.join(close)}" if close else ""
+    return f"unknown{like}; known are {', '.join(names)}"
 
 
 def _names(kind: type[Any]) -> list[str]:

@@ -17,13 +17,16 @@ from sjerk.trajectory.programme import Answer, Task
 from sjerk.trajectory.segments import IntArray
 from sjerk.trajectory.spline import Knots, take
 
-#: A motion for a task whose way-points may be missed by so much (in tolerances).
-Solve = Callable[[Task, FloatArray], tuple[Knots, Answer]]
+#: A motion for a task whose way-points may be missed by so much (in tolerances); about the moments
+#: (n + 1,) at which another one passes them and ends, or None.
+Solve = Callable[[Task, FloatArray, FloatArray | None], tuple[Knots, Answer]]
 
 #: Parts of a line to begin with; rounds in which there are more; share of the corridor to plan for.
 _PARTS, _ROUNDS, _SHARE = 6, 7, 0.99
 #: Places between two knots at which the distance is measured.
 _PLACES = 6
+#: Places of a line at which a motion along it is looked at; how far its moments are believed.
+_ALONG, _BELIEVED = 200, 0.9
 
 
 class Corridor:
@@ -44,7 +47,7 @@ class Corridor:
         """Return a motion that stays inside, with the moments of the way-points; else PlanError."""
         task, lines = self._task, len(self._corners) - 1
         parts = self._parts
-        share = _SHARE
+        share, moments = _SHARE, None
         for attempt in range(_ROUNDS):
             line = np.repeat(np.arange(lines), parts)
             within = (
@@ -56,14 +59,38 @@ class Corridor:
             keep = np.tile(most, (len(rows) - 1, 1))
             if self._keep is not None:
                 keep[own] = np.minimum(keep[own], self._keep)
-            knots, answer = solve(replace(task, points=rows[:-1]), keep)
+            knots, answer = solve(replace(task, points=rows[:-1]), keep, moments)
             far = self._outside(knots, answer, line)
             if not far.any():
                 return knots, replace(answer, moments=answer.moments[own])
             if attempt % 2:
                 share *= 0.9
-            parts = np.where(far, 2 * parts, parts)
+            parts, before = np.where(far, 2 * parts, parts), parts
+            moments = self._passed(knots, answer, before, parts)
         raise PlanError(f"corridor = {self._width}: no motion was found that stays inside")
+
+    def _passed(
+        self, knots: Knots, answer: Answer, before: IntArray, parts: IntArray
+    ) -> FloatArray:
+        """When a motion passes the points of other parts of the lines, and its end."""
+        ends = np.concatenate([[0.0], answer.moments, [knots.duration]])
+        first = np.concatenate([[0], np.cumsum(before)])
+        found = []
+        for i, (old, new) in enumerate(zip(before, parts, strict=True)):
+            begin, end = ends[first[i]], ends[first[i + 1]]
+            if old == new:
+                found.append(ends[first[i] + 1 : first[i + 1] + 1])
+                continue
+            from_, way = self._corners[i], self._corners[i + 1] - self._corners[i]
+            at = np.linspace(begin, end, _ALONG)
+            segment, p, _, _ = knots.at(at)
+            along = (take(p, segment, answer.control) - from_) @ way / (way @ way)
+            share = np.arange(1, new + 1) / new
+            moments = np.interp(share, np.maximum.accumulate(along), at)
+            moments[-1] = end
+            evenly = begin + share * (end - begin)  # which keeps them apart
+            found.append(_BELIEVED * moments + (1.0 - _BELIEVED) * evenly)
+        return np.concatenate(found)
 
     def _outside(self, knots: Knots, answer: Answer, line: IntArray) -> np.ndarray:
         """Which lines are left by too much, by the commanded motion at many places."""

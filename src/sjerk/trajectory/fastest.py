@@ -19,6 +19,8 @@ from sjerk.trajectory.spline import HALF_CYCLE, Knots, scaled, take
 NONE = 1e-5
 #: A round that gains less is one of the last ones.
 _GAIN = 3e-4
+#: A step that promises less is none.
+_NOTHING = 5e-5
 ROUNDS = 20
 #: Steps of the solver for a motion at its moments; one that is not found in so many is none.
 _STEPS = 25
@@ -30,8 +32,11 @@ def places(knots: Knots, answer: Answer) -> FloatArray:
     return take(p + HALF_CYCLE / answer.pace**2 * a, segment, answer.control)
 
 
-def nearest(task: Task, knots: Knots, answer: Answer) -> FloatArray:
-    """Each moment to where its way-point is nearest, by Gauss-Newton, while the order is kept."""
+def nearest(task: Task, knots: Knots, answer: Answer, keep: float | FloatArray) -> FloatArray:
+    """Each moment to where its way-point is nearest, by Gauss-Newton, while the order is kept.
+
+    But for those at which it is within what is to be kept: there nothing is to be mended.
+    """
     moments = answer.moments
     for _ in range(3):
         reach = 0.2 * knots.around(moments)
@@ -43,6 +48,7 @@ def nearest(task: Task, knots: Knots, answer: Answer) -> FloatArray:
             (gap * rate).sum(axis=1) / np.maximum(square, 1e-300), -reach, reach
         )
         new = np.where(square > 1e-12 * square.max(initial=0.0), new, moments)
+        new = np.where((np.abs(gap) > keep).any(axis=1), new, moments)
         if task.turns is not None:  # as they turn
             new = np.where(task.turns.any(axis=1), moments, new)
         if (
@@ -71,9 +77,18 @@ def slowest(task: Task, knots: Knots, moments: FloatArray) -> float:
 
 
 def settle(
-    task: Task, knots: Knots, answer: Answer, keep: float | FloatArray, most: int
+    task: Task,
+    knots: Knots,
+    answer: Answer,
+    keep: float | FloatArray,
+    most: int,
+    than: float | None = None,
 ) -> Answer | None:
-    """Control points and pace for the moments as they are: the fastest, or None."""
+    """Control points and pace for the moments as they are: the fastest, or None.
+
+    ``than``: the pace that it is to be faster than; what clearly is, or is not, is taken as it is.
+    """
+    enough, hopeless = (0.0, np.inf) if than is None else (than * (1 - _GAIN), than * (1 + _GAIN))
     least = slowest(task, knots, answer.moments)
     answer = replace(answer, pace=max(answer.pace, least))
     for _ in range(most):
@@ -82,7 +97,9 @@ def settle(
             return None
         if made.pace < least:
             made = replace(made, pace=least)
-        done = abs(made.pace - answer.pace) < 2e-4 * answer.pace and made.excess < NONE
+        same = abs(made.pace - answer.pace) < 2e-4 * answer.pace
+        clear = same or not enough < made.pace < hopeless
+        done = clear and made.excess < NONE
         answer = made
         if done:
             break
@@ -127,7 +144,7 @@ def feasible(
             continue
         answer = step
         slow = replace(answer, pace=answer.pace * 1.02)
-        made = settle(task, knots, replace(slow, moments=nearest(task, knots, slow)), keep, 8)
+        made = settle(task, knots, replace(slow, moments=nearest(task, knots, slow, keep)), keep, 8)
         if made is None:
             made = settle(task, knots, slow, keep, 8)
     return made
@@ -142,15 +159,19 @@ def fastest(
         step = Programme(task, knots, best, move=True, paced=True).solve(
             keep=keep, reach=reach * knots.around(best.moments), slower=0.2, near=1e-7
         )
+        if step is None or step.pace > best.pace * (1.0 - _NOTHING):
+            break  # no direction leads on: what the pace's tangents miss is of second order
         found, share = None, 1.0
-        for share in (1.0, 0.5, 0.25) if step else ():  # along the step, less if that does not help
+        for share in (1.0, 0.5, 0.25):  # along the step, less if that does not help
             found = _settled_along(task, knots, best, step, share, keep)
             if found is not None:
                 break
         if found is not None:
             still = still + 1 if found.pace > best.pace * (1.0 - _GAIN) else 0
+            hoped = best.pace - step.pace
+            more = 3.0 if best.pace - found.pace > 0.75 * hoped else 1.5
+            reach = min(reach * more, 4.0) if share == 1.0 else reach * 0.7
             best = found
-            reach = min(reach * 1.5, 4.0) if share == 1.0 else reach * 0.7
         else:
             reach, still = reach * 0.2, still + 1
         if still > 2 or reach < 1e-4:
@@ -162,12 +183,11 @@ def _settled_along(
     task: Task,
     knots: Knots,
     best: Answer,
-    step: Answer | None,
+    step: Answer,
     share: float,
     keep: float | FloatArray,
 ) -> Answer | None:
     """A faster motion with the moments of a part of a step; None: there is none."""
-    assert step is not None
     way = Answer(
         best.control + share * (step.control - best.control),
         best.moments + share * (step.moments - best.moments),
@@ -176,10 +196,13 @@ def _settled_along(
     )
     if not _ordered(way.moments, knots):
         return None
-    for moments in (nearest(task, knots, way), way.moments):
-        found = settle(task, knots, replace(way, moments=moments), keep, 3)
+    mended = nearest(task, knots, way, keep)
+    for moments in (way.moments, mended):
+        found = settle(task, knots, replace(way, moments=moments), keep, 3, best.pace)
         if found is not None and found.pace < best.pace:
             return found
+        if np.array_equal(mended, way.moments):
+            break
     return None
 
 
@@ -195,7 +218,7 @@ def whole(
         for _ in range(3):
             made = settle(task, own, answer, keep, 6)
             if made is None:
-                near = replace(answer, moments=nearest(task, own, answer))
+                near = replace(answer, moments=nearest(task, own, answer, keep))
                 made = settle(task, own, near, keep, 6)
             if made is None:
                 break
@@ -211,7 +234,7 @@ def whole(
             )
             if step is None or not _ordered(step.moments, own):
                 break
-            answer = replace(step, moments=nearest(task, own, step))
+            answer = replace(step, moments=nearest(task, own, step, keep))
     return None
 
 
@@ -229,7 +252,7 @@ def _slowed(task: Task, knots: Knots, made: Answer, keep: float | FloatArray) ->
         )
         if step is None or not _ordered(step.moments, knots):
             return None
-        for moments in (nearest(task, knots, step), step.moments):
+        for moments in (nearest(task, knots, step, keep), step.moments):
             answer = replace(step, moments=moments)
             if slowest(task, knots, moments) <= 1.0 + 1e-9:
                 done = at_pace(task, knots, answer, keep, most=NONE)

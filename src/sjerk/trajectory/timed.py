@@ -37,6 +37,8 @@ _LADDER = ((2.0, 1), (4.0, 1), (4.0, 2), (8.0, 2), (4.0, 4), (4.0, 10))
 _KNOWN = 240.0
 #: A pace that is no start: way-points that these knots cannot tell apart.
 _LOST = 1e3
+#: Way-points that are this many knots apart can all be met by these knots.
+_APART = 2.0
 #: A stretch for which finer knots are worth trying.
 _NEARLY = 0.05
 #: A uniform stretch that leaves too little to gain by another.
@@ -135,8 +137,9 @@ class Timed:
         later, longer = asked + half, length + 1
         knots = self._knots(left, longer, 1.0)
         pace = evenly(task, knots, later, _EVENLY, self._order)
-        if pace is None and len(asked) <= len(knots):
-            return None
+        apart = float(np.diff(asked, prepend=-0.5).min(initial=np.inf))
+        if pace is None and apart >= _APART * float(knots.lengths.mean()):
+            return None  # too fast, and not too close for these knots
         for finer, late in _LADDER if pace is None or pace <= 1.0 + _NEARLY else ():
             if finer <= 2.0 * float(knots.lengths.mean()):
                 exact = self._own_time(task, asked + late * half, left, length + late, finer)

@@ -237,14 +237,24 @@ class Untimed:
             rows = np.concatenate([np.zeros_like(origin)[None], points])
             times = np.diff(moments_of(rows, self._table)) / self._spacing
             lines = Corridor(task, self._corridor, None if self._exact else 1.0, times)
-            knots, answer = lines.plan(lambda t, k: self._fastest(t, k, window))
+            knots, answer = lines.plan(lambda t, k, m: self._fastest(t, k, window, m))
         moments = np.append(answer.moments + 0.5, knots.duration + 1.0)
         return Plan(knots, answer, moments, moments, True)
 
     def _fastest(
-        self, task: Task, keep: float | FloatArray, window: Window
+        self,
+        task: Task,
+        keep: float | FloatArray,
+        window: Window,
+        begun: FloatArray | None = None,
     ) -> tuple[Knots, Answer]:
+        """``begun`` (n + 1,): moments of way-points and end to begin with; None: as limits allow."""
         assert task.end is not None
+        if begun is not None:
+            task = replace(task, turns=_on_limits(task))
+            made = self._best(task, self._begun(task, keep, begun, window.left, _PASSING))
+            if made is not None:
+                return made
         rows = np.concatenate([np.zeros_like(task.end)[None], task.points, task.end[None]])
         moving = window.state.moving
         passes = moments_of(rows, self._table, task.start[1] if moving else None)[1:]
@@ -262,6 +272,14 @@ class Untimed:
             if found and self._corridor is not None:  # points on lines are no stops
                 break
             found += self._begun(task, keep, moments, window.left, least)
+        best = self._best(task, found)
+        if best is None:
+            raise PlanError("points: no motion was found that keeps the limits")
+        return best
+
+    @staticmethod
+    def _best(task: Task, found: list[_Start]) -> tuple[Knots, Answer] | None:
+        """The fastest in whole cycles that any of these becomes; None: none does."""
         best: tuple[Knots, Answer] | None = None
         for begun in sorted(found, key=lambda x: x.length):
             if best is not None and best[0].duration <= begun.length / _HOPE:
@@ -270,8 +288,6 @@ class Untimed:
             made = in_cycles(task, knots, fastest(task, knots, begun.answer, share), share)
             if made is not None and (best is None or made[0].duration < best[0].duration):
                 best = made
-        if best is None:
-            raise PlanError("points: no motion was found that keeps the limits")
         return best
 
     def _begun(

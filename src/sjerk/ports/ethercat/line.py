@@ -15,6 +15,7 @@ Never here: what a register or a mail means.
 
 from __future__ import annotations
 
+import os
 import queue
 import struct
 import threading
@@ -257,7 +258,8 @@ class Line:
             raise InputError("interface", None, "must name an interface")
         descriptor = int(lib.sj_wire_open(self._interface.encode()))
         if descriptor < 0:
-            raise OSError(-descriptor, f"no raw socket on {self._interface}")
+            why = os.strerror(-descriptor)
+            raise OSError(-descriptor, f"no raw socket on {self._interface}: {why}")
         now = lib.sj_wire_now()
         for device in self.devices:
             device.power_up(now)

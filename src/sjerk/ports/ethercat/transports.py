@@ -7,6 +7,7 @@ two sockets with filters in the system. Never here: what a frame means.
 from __future__ import annotations
 
 import errno
+import os
 import select
 import socket
 import time
@@ -35,7 +36,8 @@ def open_socket(interface: str, first: int, last: int) -> socket.socket:
     """A raw socket for frames of some indices; `OSError` with the interface in it."""
     descriptor = int(lib.sj_wire_open_for(interface.encode(), first, last))
     if descriptor < 0:
-        raise OSError(-descriptor, f"no raw socket on {interface}")
+        why = os.strerror(-descriptor)
+        raise OSError(-descriptor, f"no raw socket on {interface}: {why}")
     return socket.socket(fileno=descriptor)
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from sjerk.errors import KernelGoneError, SjerkError
 from sjerk.executor import StreamPlayer
 from sjerk.host import Host
+from sjerk.host.turns import Turns, nearest_turns
 from sjerk.ports.ros.joints import Joints
 from sjerk.ports.ros.tracking import SHARE, Rest, Tracker, Window
 from sjerk.profile import FloatArray
@@ -24,6 +25,9 @@ _AGES = 1000
 
 class Following:
     """Goals in, motion of one host; ``counts`` of goals, and of those refused and unchanged.
+
+    Of axes that wrap the first goal of a motion chooses the turn, in ``interrupt`` the first one
+    since another hand has moved.
 
     ``value``: a parameter of ``parameters.CONTROL`` by name. ``tell``: called with why a goal was
     refused or a motion has ended. A kernel that is gone is raised: KernelGoneError.
@@ -39,6 +43,7 @@ class Following:
         self._ages: deque[float] = deque(maxlen=_AGES)
         self._last: FloatArray | None = None
         self._before: tuple[float, FloatArray] | None = None
+        self._turns: Turns | None = None
         self._player: StreamPlayer | None = None
         self._first, self._came, self._ended = 0.0, 0.0, False
         self._late: list[tuple[FloatArray, FloatArray | None, float]] = []
@@ -81,8 +86,11 @@ class Following:
         if self._last is not None and (goal == self._last).all():
             self.counts["unchanged"] += 1
             return
-        self._host.move(goal.tolist())
-        self._last = goal
+        turns = self._turns
+        if self._last is None or turns is None:
+            turns = nearest_turns(goal, self._host.feedback().axes)
+        self._host.move(turns.onto(goal).tolist())
+        self._last, self._turns = goal, turns
 
     def _stream(
         self, goal: FloatArray, velocity: FloatArray | None, sent: float, now: float
@@ -94,7 +102,8 @@ class Following:
             return
         if self._player is None:
             axes = self._host.feedback().axes
-            if all(q == axis.position for q, axis in zip(goal, axes, strict=True)):
+            place = nearest_turns(goal, axes).onto(goal)
+            if all(q == axis.position for q, axis in zip(place, axes, strict=True)):
                 self.counts["unchanged"] += 1
                 return
             self._player = StreamPlayer(
@@ -116,7 +125,9 @@ class Following:
             apart = sent - before[0] if before else 0.0
             usable = before is not None and 0.0 < apart <= self._value("track.timeout")
             velocity = (goal - before[1]) / apart if before and usable else np.zeros(len(goal))
-        self._tracker.take(Window.of([sent], [goal], [velocity]), now)
+        if not self._tracker.active or self._turns is None:
+            self._turns = nearest_turns(goal, self._host.feedback().axes)
+        self._tracker.take(Window.of([sent], [self._turns.onto(goal)], [velocity]), now)
 
     def turn(self, now: float) -> None:
         """What is due without a goal: to be called at 100 Hz or so."""
@@ -165,7 +176,7 @@ class Following:
         self._tracker.drop()
         if self._player is not None:
             self._player.close()
-        self._player = self._last = self._before = None
+        self._player = self._last = self._before = self._turns = None
         self._ended = False
         self._late.clear()
 

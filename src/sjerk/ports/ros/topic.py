@@ -11,12 +11,16 @@ from typing import Any
 from sjerk.executor import StreamPlayer
 from sjerk.executor.goal import from_message
 from sjerk.host import Host
+from sjerk.host.turns import Turns, nearest_turns
 from sjerk.ports.ros.joints import Joints
 from sjerk.ports.ros.tracking import SHARE, Rest, Tracker, Window
 
 
 class TopicMotion:
-    """What messages of trajectories move, where they are no goals of their own."""
+    """What messages of trajectories move, where they are no goals of their own.
+
+    Of axes that wrap the first point of a stream, or of what is tracked, chooses the turn.
+    """
 
     def __init__(self, host: Host, joints: Joints, value: Callable[[str], Any]) -> None:
         """``value``: a parameter of ``parameters.CONTROLLER`` by name."""
@@ -27,6 +31,7 @@ class TopicMotion:
             timeout=self._value("track.timeout"),
             most=[SHARE * axis.limits.velocity for axis in host.feedback().axes],
         )
+        self._turns: Turns | None = None  # of what is tracked
         self._player: StreamPlayer | None = None
         self._first, self._last, self._came = 0.0, 0.0, 0.0
 
@@ -50,7 +55,10 @@ class TopicMotion:
         way = self._joints.trajectory(way).for_joints(self._joints.names)
         begin = stamp or sent
         if self.mode == "track":
-            self._tracker.take(Window.of(begin + way.time, way.position, way.velocity), now)
+            if not self._tracker.active or self._turns is None:
+                self._turns = nearest_turns(way.position[0], self._host.feedback().axes)
+            position = self._turns.onto(way.position)
+            self._tracker.take(Window.of(begin + way.time, position, way.velocity), now)
             return
         if self._player is None:
             self._player = StreamPlayer(
