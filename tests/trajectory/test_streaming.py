@@ -178,9 +178,9 @@ def test_a_tolerance_bounds_what_is_left_of_goals() -> None:
     """At all of the limits, the last goal known never passed: later rather than further off."""
     draw = one_way(1.0, 0.05, 6, within=True, joints=3)
     free, found = play(draw)
-    bound, closer = play(draw, tolerance=0.005)
-    assert free.report.deviation.max() > 0.005
-    assert bound.report.deviation.max() <= 0.005
+    bound, closer = play(draw, tolerance=0.006)
+    assert free.report.deviation.max() > 0.006
+    assert bound.report.deviation.max() <= 0.006
     assert closer.late <= found.late + draw.stop / 6
     assert judge(draw, closer)["over"] <= 1 + 1e-9
 

@@ -18,8 +18,9 @@
 #include <string.h>
 #include "trajectory/_arrow.h"
 #include "trajectory/_bordered.h"
+#include "trajectory/_rows.h"
 
-enum { W = SJ_ARROW_WIDTH, B = SJ_BORDER, LANES = 4, SIDES = 2 * LANES };
+enum { B = SJ_BORDER, SIDES = 2 * LANES };
 
 /* Share of the way to the nearest bound that a step takes. */
 static const double BOUNDARY = 0.995;
@@ -37,9 +38,7 @@ typedef double both[SIDES];
 /* Rows in lanes. A bound is side (a'x + beside'w) + edge >= 0; one that is none has side = 0, edge = 1,
  * slack 1, multiplier 0, and stays so. */
 typedef struct {
-    int32_t width, reserved;
-    int32_t at[W][LANES]; /* coefficients; those that are none are 0 at the last place of the row */
-    double value[W][LANES];
+    coefficients a;
     both side, edge;
     both s, z, ds, dz;                 /* slack, multiplier, their steps */
     both per_s, per_z;                 /* 1 / s, 1 / z; 0 and 1 */
@@ -101,53 +100,6 @@ static double most_of(const both x)
 
 /* ---- rows ------------------------------------------------------------------------------------ */
 
-/* The coefficients of the rows from r on, as many as there are. */
-static void load(const sj_arrow *p, int32_t r, chunk *o)
-{
-    o->width = 1;
-    for (int l = 0; l < LANES; l++) {
-        int32_t from = r + l < p->rows ? p->start[r + l] : 0;
-        int32_t count = r + l < p->rows ? p->start[r + l + 1] - from : 0;
-        o->width = count > o->width ? count : o->width;
-        for (int32_t e = 0; e < W; e++) {
-            o->at[e][l] = count == 0 ? 0 : p->at[from + (e < count ? e : count - 1)];
-            o->value[e][l] = e < count ? p->value[from + e] : 0.0;
-        }
-    }
-}
-
-static inline void products(const chunk *o, const double *x, double out[LANES])
-{
-    for (int l = 0; l < LANES; l++)
-        out[l] = o->value[0][l] * x[o->at[0][l]];
-    for (int32_t e = 1; e < o->width; e++)
-        for (int l = 0; l < LANES; l++)
-            out[l] += o->value[e][l] * x[o->at[e][l]];
-}
-
-static inline void scatter(const chunk *o, const double share[LANES], double *out)
-{
-    for (int32_t e = 0; e < o->width; e++)
-        for (int l = 0; l < LANES; l++)
-            out[o->at[e][l]] += share[l] * o->value[e][l];
-}
-
-/* weight a a' of each row into the columns of a band. */
-static inline void add_squares(const chunk *o, const double weight[LANES], int64_t band,
-                               double *columns)
-{
-    for (int32_t e = 0; e < o->width; e++) {
-        double share[LANES], *column[LANES];
-        for (int l = 0; l < LANES; l++) {
-            share[l] = weight[l] * o->value[e][l];
-            column[l] = columns + o->at[e][l] * band;
-        }
-        for (int32_t f = e; f < o->width; f++)
-            for (int l = 0; l < LANES; l++)
-                column[l][o->at[f][l]] += share[l] * o->value[f][l];
-    }
-}
-
 /* Whether a row is to be met, whatever w. */
 static int is_met(const work *w, int64_t i, int l)
 {
@@ -204,17 +156,17 @@ static inline void add_border(work *w, int64_t i, const both q)
                 corner[k] = share[k] * own[a][k];
             w->matrix.corner[b][a] += sum_of(corner);
         }
-        for (int32_t e = 0; e < o->width; e++)
+        for (int32_t e = 0; e < o->a.width; e++)
             for (int l = 0; l < LANES; l++)
-                w->matrix.beside[o->at[e][l] * B + b] +=
-                    (share[l] + share[LANES + l]) * o->value[e][l];
+                w->matrix.beside[o->a.at[e][l] * B + b] +=
+                    (share[l] + share[LANES + l]) * o->a.value[e][l];
     }
 }
 
 /* ---- slacks and multipliers ------------------------------------------------------------------ */
 
 /* The weights of rows, in the objective. */
-static void add_weights(work *w, int32_t r, const chunk *o)
+static void add_weights(work *w, int32_t r, const coefficients *o)
 {
     const sj_arrow *p = w->p;
     double weight[LANES] = {0.0}, pull[LANES] = {0.0};
@@ -247,7 +199,7 @@ static double begin_chunk(work *w, int64_t i)
                 w->beside[i * p->border + b][k * LANES + l] =
                     p->beside[(2 * b + k) * (int64_t)p->bounded + r];
         for (int32_t e = 0; e < W; e++)
-            o->size[l] += fabs(o->value[e][l]);
+            o->size[l] += fabs(o->a.value[e][l]);
         if (is_met(w, i, l)) {
             o->stiff[l] = STIFF;
             o->place[l] = p->low[r];
@@ -262,7 +214,7 @@ static double begin_chunk(work *w, int64_t i)
             }
         }
     }
-    products(o, p->x, y);
+    products(&o->a, p->x, y);
     at_sides(w, i, y, p->x + w->n, at);
     for (int k = 0; k < SIDES; k++)
         if (o->side[k] != 0.0) {
@@ -277,13 +229,13 @@ static double begin(work *w)
 {
     const sj_arrow *p = w->p;
     double count = 0.0;
-    chunk other;
+    coefficients other;
     memset(w->H, 0, (size_t)(w->n * (p->band + 1)) * sizeof(double));
     memset(w->of, 0, (size_t)w->chunks * sizeof(chunk));
     memset(w->beside, 0, (size_t)(w->chunks * p->border) * sizeof(both));
     memcpy(w->flat, p->gradient, (size_t)(w->n + p->border) * sizeof(double));
     for (int64_t i = 0; i < chunks_of(p->rows); i++) {
-        chunk *o = i < w->chunks ? w->of + i : &other;
+        coefficients *o = i < w->chunks ? &w->of[i].a : &other;
         load(p, (int32_t)(i * LANES), o);
         add_weights(w, (int32_t)(i * LANES), o);
         if (i < w->chunks)
@@ -319,7 +271,7 @@ static void look_chunk(work *w, int64_t i, double step, seen *all)
     double y[LANES], net[LANES], right[LANES], weight[LANES], least = w->least;
     both at, q, back, low;
     seen found = *all;
-    products(o, p->x, y);
+    products(&o->a, p->x, y);
     at_sides(w, i, y, p->x + w->n, at);
     for (int k = 0; k < SIDES; k++) {
         o->s[k] += step * o->ds[k];
@@ -354,9 +306,9 @@ static void look_chunk(work *w, int64_t i, double step, seen *all)
         right[l] = back[l] - back[LANES + l] - o->stiff[l] * off;
     }
     *all = found;
-    scatter(o, net, w->grad);
-    scatter(o, right, w->dx);
-    add_squares(o, weight, p->band, w->matrix.columns);
+    scatter(&o->a, net, w->grad);
+    scatter(&o->a, right, w->dx);
+    add_squares(&o->a, weight, p->band, w->matrix.columns);
     if (p->border > 0) {
         both less;
         for (int k = 0; k < SIDES; k++)
@@ -396,7 +348,7 @@ static void follow_chunk(work *w, int64_t i, int corrected, along *all)
     along found = *all;
     double y[LANES];
     both move;
-    products(o, w->dx, y);
+    products(&o->a, w->dx, y);
     at_sides(w, i, y, w->dx + w->n, move);
     if (!corrected)
         for (int k = 0; k < SIDES; k++)
@@ -440,7 +392,7 @@ static void correct_chunk(work *w, int64_t i, double middle, double second)
     }
     for (int l = 0; l < LANES; l++)
         right[l] = q[l] - q[LANES + l] - o->stiff[l] * o->off[l];
-    scatter(o, right, w->dx);
+    scatter(&o->a, right, w->dx);
     to_border(w, i, q, w->dx + w->n);
 }
 

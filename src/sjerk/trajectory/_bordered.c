@@ -31,7 +31,7 @@ static double dot(const double *x, const double *y, int64_t n)
     return (a + b) + (c + d);
 }
 
-SIMD void sj_bordered_factorise(sj_bordered *a)
+SIMD static void eliminate(sj_bordered *a)
 {
     int64_t band = a->band, stride = band + 1;
     for (int64_t j = 0; j < a->n; j++)
@@ -59,6 +59,11 @@ SIMD void sj_bordered_factorise(sj_bordered *a)
         a->corner[1][0] -= m[1] * m[0] * over;
         a->corner[1][1] -= m[1] * m[1] * over;
     }
+}
+
+void sj_bordered_factorise(sj_bordered *a)
+{
+    eliminate(a);
     a->corner[0][0] = sqrt(fmax(a->corner[0][0], 0.0) + HOLD);
     a->corner[1][0] /= a->corner[0][0];
     a->corner[1][1] = sqrt(fmax(a->corner[1][1] - a->corner[1][0] * a->corner[1][0], 0.0) + HOLD);

@@ -293,12 +293,16 @@ class Horizon:
         stays = aims.range[:, 0] == aims.range[:, 1]
         if stays.any():
             control[stays] = plan[stays]
+        # goals are passed where the progress has moved them to
+        more = moved[:n] - progress[1 : n + 1]
+        ahead = np.interp(aims.moment, np.arange(n + 1.0), np.append(0.0, more))
+        off = value * self._unit - (aims.position - self.origin)
         return Plan(
             control,
             np.concatenate([progress[:1], moved]),
             share,
             aims.moment,
-            value * self._unit - (aims.position - self.origin),
+            off - aims.slope * ahead[:, None],
             result.steps,
         )
 
