@@ -81,7 +81,11 @@ class PlatformError(SjerkError, ImportError):
 class InfeasibleError(SjerkError, ValueError):
     """No forward profile in whole cycles covers the distance.
 
-    ``distance`` is what was asked, ``works`` one that has a profile under the same limits.
+    ``distance`` is what was asked, ``works`` one that has a profile under the same limits, both in
+    the unit of the axis.
+
+    >>> print(InfeasibleError(0.1, 2.5, "shorter than the change of velocity needs"))
+    distance = 0.1: shorter than the change of velocity needs; 2.5 works
     """
 
     def __init__(self, distance: float, works: float, why: str) -> None:
@@ -108,6 +112,9 @@ class RefusedError(SjerkError):
     """The kernel refused a goal: ``code`` (``enum sj_result``), ``reason``, ``axis`` or -1.
 
     ``names``: of all axes, for the text.
+
+    >>> print(RefusedError(3, "the drive does not follow", 1, ["shoulder", "elbow"]))
+    refused by axis 1 (elbow): the drive does not follow
     """
 
     def __init__(self, code: int, reason: str, axis: int, names: Sequence[str] = ()) -> None:
@@ -127,8 +134,9 @@ class MotionStoppedError(SjerkError):
 
     ``positions`` are the commanded ones by axis, ``faults`` the error codes (603Fh) of the drives
     that are in a fault, by axis; ``unhomed`` the axis whose homing failed, or None; ``switches``
-    the limit switches that are closed (60FDh: 1 negative, 2 positive, 3 both), by axis. ``names``:
-    of all axes, for the text.
+    the limit switches that are closed (60FDh: 1 negative, 2 positive, 3 both), by axis;
+    ``error_stops`` the axes that are in ErrorStop without a fault of their drive (a following
+    error, a lost drive). ``names``: of all axes, for the text.
 
     >>> print(MotionStoppedError({1: 0.25}, names=["shoulder", "elbow"]))
     stopped or replaced before the goal, commanded positions: axis 1 (elbow) 0.25
@@ -142,8 +150,10 @@ class MotionStoppedError(SjerkError):
         switches: dict[int, int] | None = None,
         *,
         names: Sequence[str] = (),
+        error_stops: Sequence[int] = (),
     ) -> None:
         self.positions = positions
+        self.error_stops = tuple(error_stops)
         self.unhomed = unhomed
         self.faults = faults or {}
         self.switches = switches or {}
@@ -153,6 +163,8 @@ class MotionStoppedError(SjerkError):
         """Its text, with another way to call an axis."""
         codes = ", ".join(f"{label(i)}: {code:04X}h" for i, code in self.faults.items())
         why = f"drive fault ({codes})" if codes else "stopped or replaced"
+        if self.error_stops:
+            why += f", in ErrorStop ({', '.join(map(label, self.error_stops))})"
         if self.unhomed is not None:
             why = f"homing of {label(self.unhomed)} failed" + (f", {why}" if codes else "")
         if self.switches:
@@ -164,11 +176,19 @@ class MotionStoppedError(SjerkError):
 
 
 class SupersededError(MotionStoppedError):
-    """A newer goal took the place of this one. ``positions`` by axis."""
+    """A newer goal took the place of this one. ``positions`` by axis, in axis units.
+
+    >>> print(SupersededError({0: 0.25}))
+    stopped or replaced before the goal, commanded positions: axis 0 0.25
+    """
 
 
 class QueueFullError(SjerkError):
-    """The look-ahead takes no more now: ``capacity`` records wait. Nothing has been queued."""
+    """The look-ahead takes no more now: ``capacity`` records wait. Nothing has been queued.
+
+    >>> print(QueueFullError(512))
+    512 records wait for the kernel: wait for one of the moves
+    """
 
     def __init__(self, capacity: int) -> None:
         super().__init__(f"{capacity} records wait for the kernel: wait for one of the moves")
@@ -191,7 +211,12 @@ class ConfigError(InputError):
 
 
 class KernelGoneError(SjerkError):
-    """The kernel's process has ended."""
+    """The kernel's process has ended: whatever was to be waited for does not come.
+
+    >>> raise KernelGoneError("the kernel ended while waiting for drives to follow")
+    Traceback (most recent call last):
+    sjerk.errors.KernelGoneError: the kernel ended while waiting for drives to follow
+    """
 
 
 class HandshakeError(SjerkError):

@@ -16,6 +16,8 @@ from sjerk.errors import InputError, positive, real
 
 #: Cycle times for which a ``Limits`` keeps its values per cycle.
 _CYCLE_TIMES_KEPT = 16
+#: Bytes of an ``sj_limits``.
+_LIMITS = struct.calcsize("5d")
 #: Limits that may be infinite.
 _JERKS = ("jerk", "deceleration_jerk")
 
@@ -48,7 +50,7 @@ class Limits:
     #: For C calls: an ``sj_limits`` per second. Empty with a range, which each target is held to,
     #: and where a jerk is free, which is a number per cycle only.
     memory: bytes = field(init=False, repr=False, compare=False, default=b"")
-    #: For C calls: what ``per_cycle`` has made, by cycle time.
+    #: For C calls: what ``per_cycle`` has made, with the cycle time behind it, by cycle time.
     cycled: dict[float, bytes] = field(init=False, repr=False, compare=False, default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -148,11 +150,11 @@ class Limits:
                 up + down if jerk == math.inf else jerk * T**3
                 for jerk in (self.jerk, deceleration_jerk)
             ]
-            made = struct.pack("5d", self.velocity * T, up, jerks[0], down, jerks[1])
+            made = struct.pack("6d", self.velocity * T, up, jerks[0], down, jerks[1], T)
             # with a range every target is looked at anyway
             if self.position is None and len(self.cycled) < _CYCLE_TIMES_KEPT:
                 self.cycled[T] = made
-        return made
+        return made[:_LIMITS]
 
 
 def jerk_limited(limits: Sequence[Limits]) -> Sequence[Limits]:

@@ -133,6 +133,7 @@ class Extrema:
 
 
 _make = object.__new__
+_POINTER = ffi.typeof("sj_plan *")
 
 
 class Plan:
@@ -184,7 +185,7 @@ class Plan:
         position_range: tuple[float, float] | None = None,
         owner: Any = None,
     ) -> Self:
-        """From a finished ``sj_plan *``, unchecked; ``owner`` keeps its memory."""
+        """From a finished ``sj_plan`` or pointer to one, unchecked; ``owner`` keeps its memory."""
         self = _make(cls)
         self._c_plan = plan
         self._cycle_time = cycle_time
@@ -199,6 +200,8 @@ class Plan:
     @property
     def c_plan(self) -> Any:
         """For C calls: the phases as an ``sj_plan *``, which lives as long as this object."""
+        if ffi.typeof(self._c_plan) is not _POINTER:
+            self._c_plan = ffi.new(_POINTER, self._c_plan)
         return self._c_plan
 
     @property

@@ -175,7 +175,7 @@ class Profile(Plan):
         """
         table = out.table(rows)
         ends = self._start.memory, self._end.memory
-        if lib.sj_sample(self._c_plan, *ends, self._cycle_time, table) != lib.SJ_LOAD_OK:
+        if lib.sj_sample(self.c_plan, *ends, self._cycle_time, table) != lib.SJ_LOAD_OK:
             raise InputError("phases", self.phases, "must lead from start to end in whole cycles")
 
     def extrema(self) -> Extrema:

@@ -28,6 +28,7 @@ from sjerk.cli import common
 from sjerk.cli.arguments import by_axis, duration, duration_or_inf, numbered, shielded
 from sjerk.handshake import Layout, Segment
 from sjerk.host import EventKind, Feedback, StopKind
+from sjerk.kernel import load
 
 LEAVE = (
     "import os, sys; from sjerk.handshake import *; "
@@ -282,6 +283,44 @@ def test_a_person_runs_a_kernel_by_commands(tmp_path: Path) -> None:
         assert kernel.wait(timeout=600.0) == 0
     assert sjerk("status", "--name", name).returncode == 6
     assert not [entry for entry in Path("/dev/shm").iterdir() if name in entry.name]
+
+
+STUCK = """
+[[axes]]
+name = "shoulder"
+counts_per_unit = 46603.37777777778
+following_error = 1.0
+limits = { velocity = 60, acceleration = 300, jerk = 6000 }
+drive = { hard_stop_positive_rev = 0.08333333 }
+"""
+
+
+def test_an_axis_in_error_stop_is_told_until_it_is_none(tmp_path: Path) -> None:
+    """A motor that something holds: the move, enable and reset say so, and what they say helps."""
+    file, name = tmp_path / "stuck.toml", f"stuck-{os.getpid()}"
+    file.write_text(STUCK)
+    with load(file, name=name):
+
+        def say(*words: str) -> tuple[int, str]:
+            done = sjerk(*words, "--name", name)
+            return done.returncode, done.stderr
+
+        assert say("enable")[0] == 0
+        code, told = say("move", "shoulder=60")
+        assert code == 4
+        assert "in ErrorStop (axis 0 (shoulder))" in told
+        assert "`sjerk reset` resets faults" in told
+        for verb, helps in (
+            ("enable", "`sjerk reset`"),
+            ("reset", "`sjerk disable`, `sjerk reset`"),
+        ):
+            code, told = say(verb)
+            assert code == 1
+            assert "in ErrorStop: axis 0 (shoulder)" in told
+            assert helps in told
+        for verb in ("disable", "reset", "enable"):
+            assert say(verb)[0] == 0
+        assert say("move", "shoulder=10")[0] == 0
 
 
 def test_a_kernel_with_drives_outside_is_refused_in_a_line(tmp_path: Path) -> None:

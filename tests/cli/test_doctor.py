@@ -8,6 +8,7 @@ import shutil
 import socket
 import subprocess
 import sys
+from importlib import metadata
 
 import pytest
 
@@ -70,3 +71,12 @@ def test_nothing_is_left_behind(capsys: pytest.CaptureFixture[str]) -> None:
     """No segment of the doctor outlives it."""
     doctor(capsys)
     assert not [name for name in os.listdir("/dev/shm") if "doctor" in name]
+
+
+def test_every_extra_for_users_is_told() -> None:
+    """Those of the installation, but for the ones of this project's own development."""
+    own = ("test", "docs", "wheels", "judges", "bench", "lint")
+    known = metadata.metadata("sjerk").get_all("Provides-Extra") or []
+    wanted = {f"extra {name}" for name in known if not name.startswith(own)}
+    assert wanted
+    assert wanted == {finding.of for finding in machine.extras()}

@@ -7,6 +7,7 @@ with a stall; limits of driving and braking that differ, 40 to 100 % of which th
 
 from __future__ import annotations
 
+import itertools
 import math
 import random
 from dataclasses import dataclass, field
@@ -285,3 +286,23 @@ def lateness_of_planning_anew(draw: Draw) -> float:
         out.pass_to_input(asked)
         cycle += 1
     return cycle * T - due
+
+
+def ended(stream: GoalStream) -> list[Followed]:
+    """End the stream and take the rest."""
+    stream.end()
+    blocks: list[Followed] = []
+    while not stream.done:
+        blocks += stream.take(stream.cycle + 50)
+        assert stream.cycle < 10**6
+    return blocks
+
+
+def positions(blocks: list[Followed]) -> Array:
+    """Every cycle; and that blocks go on where the one before ended."""
+    for one, two in itertools.pairwise(blocks):
+        for name in ("position", "velocity", "acceleration", "last_jerk"):
+            np.testing.assert_array_equal(getattr(one, name)[-1], getattr(two, name)[0])
+        assert two.first_cycle == one.first_cycle + one.cycles.sum()
+    rows = np.concatenate([block.sample().position for block in blocks])
+    return rows[-sum(int(block.cycles.sum()) for block in blocks) :]

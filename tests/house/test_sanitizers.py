@@ -20,8 +20,10 @@ def found(pattern: str) -> list[Path]:
     return files
 
 
-#: Of many rows at once, in lanes.
+#: Of the planner: one axis by its short way, many rows at once in lanes.
 MANY = (
+    "test_an_axis_is_planned_alone_as_in_a_list",
+    "test_a_plan_keeps_its_memory_for_c",
     "test_many_plans_are_one_by_one_whatever_the_number_and_survive_pickling",
     "test_rows_planned_at_once_have_the_bits_of_rows_planned_alone",
 )

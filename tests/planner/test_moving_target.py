@@ -10,6 +10,7 @@ import ruckig
 
 from helpers import planner_check as check
 from sjerk import Axis, Host, InputError, Limits, MotionKernel, State, plan, simulate
+from sjerk.planner import Updater
 
 T = 1e-3
 REQUESTS = 1500
@@ -122,6 +123,22 @@ def test_a_kernel_tracks_as_the_planner_does(every: int) -> None:
     assert len(shown) == 1800
     assert np.abs(rows[first : first + 1800] - shown).max() < 1e-9
     assert np.abs(np.diff(shown)).max() <= LIMITS.velocity * T * check.WITHIN
+
+
+@pytest.mark.parametrize("every", [3, 5, 10, 20])
+def test_a_sine_told_as_it_moves_is_followed_without_swinging_back(every: int) -> None:
+    """With its velocity every few cycles: within 4 % of its way in the mean; to g itself 10 %."""
+    errors = []
+    for moving in (True, False):
+        loop, rows = Updater([0.0], LIMITS, T, moving=moving), []
+        for k in range(4000):
+            if k % every == 0:
+                target = sine(k * T)
+            rows.append(float(loop.update([target]).position[0]))
+        true = [sine(k * T).position for k in range(1, 4001)]
+        errors.append(float(np.sqrt(np.mean(np.subtract(rows, true)[1000:] ** 2))))
+    assert errors[0] <= 0.04
+    assert errors[1] > 0.1
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,10 @@ from __future__ import annotations
 import math
 import pickle
 import sys
+from collections.abc import Callable
+from decimal import Decimal
 from fractions import Fraction
+from typing import Any
 
 import numpy as np
 import pytest
@@ -515,6 +518,55 @@ def test_durations_against_ruckig(kind: str, median: float, p99: float) -> None:
     assert np.median(extra) <= median
     assert np.percentile(extra, 99) <= p99
     assert np.mean(plans.cycles > 1.05 * np.array(best) + 8) < 0.01
+
+
+def planned_or_refused(call: Callable[[], Profile]) -> Profile | str:
+    """What it returns, or the message of its refusal, whose field has no index."""
+    try:
+        return call()
+    except InputError as refused:
+        return str(refused).replace("target[0]", "target")
+
+
+@given(requests(), st.sampled_from([1.0, 1.05, 3.0, 1e18]))
+def test_an_axis_is_planned_alone_as_in_a_list(
+    request_: tuple[State, State, Limits, float], stretched: float
+) -> None:
+    """The short way from Python to C and the long one: equal plans, or the same refusal."""
+    start, target, limit, T = request_
+    target = State(target.position, target.velocity * stretched)
+    for _ in range(2):  # the limits know their cycle time the second time
+        one = planned_or_refused(lambda: plan(start, target, limit, T))
+        assert one == planned_or_refused(lambda: plan([start], [target], [limit], T)[0])
+
+
+def test_a_plan_keeps_its_memory_for_c() -> None:
+    """What C reads outlives the profile, and is the same each time."""
+    made = plan(State(0.0, 3.0, 1.0), State(160.0), ROBOT, T)
+    memory = made.c_plan
+    assert made.c_plan == memory
+    phases = [(p.cycles, p.jerk) for p in made.phases]
+    del made
+    assert [
+        (memory.phase[i].cycles, memory.phase[i].jerk / T**3) for i in range(memory.count)
+    ] == phases
+
+
+def test_what_limits_keep_for_c_may_be_of_another_version() -> None:
+    """Pickled by one that kept fewer numbers: the same plan, and nothing is read behind them."""
+    limits, start, target = Limits(90.0, 500.0, 5000.0), State(0.0), State(160.0)
+    made = plan(start, target, limits, T)
+    limits.cycled[T] = limits.cycled[T][:40]
+    assert plan(start, target, pickle.loads(pickle.dumps(limits)), T) == made
+
+
+@pytest.mark.parametrize("cycle_time", [True, Decimal(1), "1.0"])
+def test_what_only_equals_a_cycle_time_is_none(cycle_time: Any) -> None:
+    """Also where limits have been used with the number that it equals."""
+    limits = Limits(90.0, 500.0, 5000.0)
+    plan(State(0.0), State(1e4), limits, 1.0)
+    with pytest.raises(InputError, match="cycle_time"):
+        plan(State(0.0), State(1e4), limits, cycle_time)
 
 
 @given(requests())

@@ -96,9 +96,10 @@ def test_a_motion_within_the_limits_is_played_in_its_own_time(
         assert largest(blocks) <= 1e-8
 
 
-@pytest.mark.parametrize("dt", [0.001, 0.002, 0.005, 0.0137, 0.1])
+@pytest.mark.parametrize("dt", [0.001, 0.002, 0.005, 0.01, 0.0137, 0.02, 0.05, 0.1])
 @pytest.mark.parametrize("pace", [1.0, 1.1])
-def test_a_time_optimal_motion_takes_its_own_time(dt: float, pace: float) -> None:
+@pytest.mark.parametrize("velocities", [False, True])
+def test_a_time_optimal_motion_takes_its_own_time(dt: float, pace: float, velocities: bool) -> None:
     """Ruckig's motion at all of its limits, sampled: its own time, two cycles for the samples."""
     ruckig = pytest.importorskip("ruckig")
     otg, inp, made = ruckig.Ruckig(1), ruckig.InputParameter(1), ruckig.Trajectory(1)
@@ -106,11 +107,24 @@ def test_a_time_optimal_motion_takes_its_own_time(dt: float, pace: float) -> Non
     inp.max_velocity, inp.max_acceleration, inp.max_jerk = [2.0], [5.0], [50.0]
     otg.calculate(inp, made)
     t = np.append(np.arange(0.0, made.duration - dt / 2, dt), made.duration)
-    rows = [made.at_time(float(x)) for x in t]
-    q = np.array([np.atleast_1d(row[0]) for row in rows])
-    blocks = whole(Trajectory(["a"], t * pace, q), [Limits(2.0, 5.0, 50.0)])
+    q, v = (np.array([made.at_time(float(x))[k] for x in t]) for k in (0, 1))
+    v[[0, -1]] = 0.0
+    way = Trajectory(["a"], t * pace, q, v / pace if velocities else None)
+    blocks = whole(way, [Limits(2.0, 5.0, 50.0)])
     assert cycles(blocks) <= np.ceil(made.duration * pace / T - 1e-6) + (2 if pace == 1.0 else 0)
     assert largest(blocks) <= 1e-4
+
+
+@pytest.mark.parametrize(
+    ("share", "asked", "period"),
+    [(0.98, 1.0, 0.0033), (0.98, 1.0, 0.0137), (0.98, 1.0007, 0.0033), (1.01, 1.2, 0.005)],
+)
+def test_a_quintic_that_is_slow_enough_takes_the_time_that_is_asked(
+    share: float, asked: float, period: float
+) -> None:
+    """2 % below its limit of acceleration, at no whole cycles; 1 % above it, asked 1.2 slower."""
+    blocks = whole(quintic(asked, period), [Limits(3.0, 5.7735 / share, 500.0)])
+    assert cycles(blocks) == np.ceil(asked / T - 1e-6)
 
 
 @pytest.mark.parametrize(
@@ -264,14 +278,23 @@ def test_windows_of_a_way_that_is_stretched() -> None:
     assert sum(int(block.stretch.sum()) for block in blocks) > 100
 
 
-def test_position_limits_hold_between_way_points_too() -> None:
-    """Way-points that a smooth curve would overshoot between, with the limits at them."""
-    reach = Limits(2.0, 5.0, 50.0, position=(0.0, 2.0))
-    t = np.array([0.0, 1.0, 1.5, 2.0, 3.0])
-    blocks = whole(Trajectory(["a"], 2 * t, [[0.0], [1.95], [2.0], [1.95], [0.0]]), [reach])
+@pytest.mark.parametrize("limits", [(1.0, 2.0, 30.0), (2.0, 5.0, 50.0)])
+@pytest.mark.parametrize("turn", [[1.95, 2.0, 1.95], [2.0]])
+def test_position_limits_hold_between_way_points_too(
+    turn: list[float], limits: tuple[float, float, float]
+) -> None:
+    """A turn on a limit, where a smooth curve overshoots its sparse way-points; in its time."""
+    time = [0.0, 2.0, 3.0, 4.0, 6.0] if len(turn) > 1 else [0.0, 3.0, 6.0]
+    way = Trajectory(["a"], time, np.array([[0.0, *turn, 0.0]]).T)
+    reach = Limits(*limits, position=(0.0, 2.0))
+    blocks = whole(way, [reach])
     position, _ = recording(blocks)
     assert position.max() <= 2.0 + 1e-12
     assert position.min() >= -1e-12
+    if limits == (2.0, 5.0, 50.0) or len(turn) == 1:
+        assert cycles(blocks) == 6000
+    free, _ = recording(whole(way, [Limits(*limits)]))
+    assert (free.max() > 2.05) == (len(turn) > 1)
 
 
 def test_memory_does_not_grow_with_the_points() -> None:

@@ -19,6 +19,7 @@ from helpers.following_check import (
     toppra_plan,
 )
 from sjerk import InputError, Limits, PlanError, follow_path, follow_stops, plan
+from sjerk.trajectory.programme import Answer, Programme
 from sjerk.trajectory.segments import Followed
 from sjerk.trajectory.untimed import Untimed
 
@@ -247,3 +248,18 @@ def test_ways_of_nearly_nothing(size: float) -> None:
     path = 0.5 * (1.0 - np.cos(np.linspace(0.0, np.pi, 11)))[:, None] * [size, -size]
     blocks = list(follow_path(path, [ROBOT] * 2, T))
     np.testing.assert_array_equal(blocks[-1].position[-1], path[-1])
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_corridor_takes_few_steps(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Convex steps of a way of three lines: a round more goes on from the motion before."""
+    steps, solve = [0], Programme.solve
+
+    def counted(self: Programme, **options: Any) -> Answer | None:
+        steps[0] += 1
+        return solve(self, **options)
+
+    monkeypatch.setattr(Programme, "solve", counted)
+    path = np.random.default_rng([21, seed]).normal(size=(4, 3))
+    list(follow_path(path, [Limits(2.0, 10.0, 500.0)] * 3, 2e-3, corridor=0.03))
+    assert steps[0] <= 125

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import random
 from collections.abc import Iterable
 from dataclasses import replace
@@ -14,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from helpers.following_check import PANDA, T, recording_keeps, toppra_plan
-from helpers.stream_check import Array, Draw, drawn, judge, one_way, play, run
+from helpers.stream_check import Array, Draw, drawn, ended, judge, one_way, play, positions, run
 from sjerk import GoalStream, InputError, Limits, State, plan
 from sjerk.cli.demo import dips
 from sjerk.trajectory import read_recording, shipped_recording
@@ -24,16 +23,6 @@ ROBOT = Limits(velocity=2.0, acceleration=4.0, jerk=40.0)
 STOP = 2.0 / 4.0 + 4.0 / 40.0
 
 
-def ended(stream: GoalStream) -> list[Followed]:
-    """End the stream and take the rest."""
-    stream.end()
-    blocks: list[Followed] = []
-    while not stream.done:
-        blocks += stream.take(stream.cycle + 50)
-        assert stream.cycle < 10**6
-    return blocks
-
-
 def played(stream: GoalStream, goals: Iterable[Array], period: float) -> list[Followed]:
     """Push a goal every period and take what must be known until the next one."""
     blocks: list[Followed] = []
@@ -41,16 +30,6 @@ def played(stream: GoalStream, goals: Iterable[Array], period: float) -> list[Fo
         stream.push(goal)
         blocks += stream.take(round(k * period / T))
     return blocks
-
-
-def positions(blocks: list[Followed]) -> Array:
-    """Every cycle; and that blocks go on where the one before ended."""
-    for one, two in itertools.pairwise(blocks):
-        for name in ("position", "velocity", "acceleration", "last_jerk"):
-            np.testing.assert_array_equal(getattr(one, name)[-1], getattr(two, name)[0])
-        assert two.first_cycle == one.first_cycle + one.cycles.sum()
-    rows = np.concatenate([block.sample().position for block in blocks])
-    return rows[-sum(int(block.cycles.sum()) for block in blocks) :]
 
 
 def faultless(draw: Draw, **options: int) -> tuple[GoalStream, float]:

@@ -239,6 +239,9 @@ def extras() -> Iterator[Finding]:
         "monitor": ("rich",),
         "record": ("pyarrow", "mcap"),
         "canopen": ("can", "msgpack"),
+        "panel": ("viser", "ompl"),
+        "panel-urdf": ("viser", "ompl", "collada"),
+        "studies": ("distributed",),
     }
     for extra, wanted in modules.items():
         missing = [name for name in wanted if importlib.util.find_spec(name) is None]

@@ -41,7 +41,8 @@ def next_step(error: Exception) -> str:
     if isinstance(error, KernelGoneError):
         return "`sjerk clean` removes what a dead kernel left"
     if isinstance(error, MotionStoppedError):
-        return f"`sjerk reset` resets faults, {_SHOWS}" if error.faults else _SHOWS
+        failed = error.faults or error.error_stops
+        return f"`sjerk reset` resets faults, {_SHOWS}" if failed else _SHOWS
     if isinstance(error, SegmentMemoryError | PermissionError):
         return "`sjerk doctor` tells what this machine grants"
     if isinstance(error, SegmentTakenError):

@@ -44,7 +44,7 @@ class StreamPlayer:
         host: Host,
         *,
         period: float,
-        delay: int = 4,
+        delay: int | None = None,
         ahead: float = 0.05,
         stop_within: bool = False,
         smoothing: float = SMOOTHING,

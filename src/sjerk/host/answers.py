@@ -9,6 +9,7 @@ import threading
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+from sjerk.cycle.states import AxisState
 from sjerk.errors import MotionStoppedError, RefusedError
 from sjerk.handshake import Segment
 from sjerk.host.events import EventKind
@@ -35,6 +36,9 @@ def stopped(
         unhomed,
         {i: int(closed) for i, axis in rows.items() if (closed := switches_of(axis))},
         names=names,
+        error_stops=[
+            i for i, axis in rows.items() if axis.state == AxisState.ERROR_STOP and not axis.fault
+        ],
     )
 
 

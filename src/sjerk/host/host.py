@@ -147,7 +147,12 @@ class Host(Observer):
     # ---- power
 
     def enable(self, timeout: float | None = 5.0, *, axes: Axes = None) -> None:
-        """Enable drives; returns when every one follows (at once in a caller's own loop)."""
+        """Enable drives; returns when every one follows (at once in a caller's own loop).
+
+        ``axes``: a number or numbers, None: all; ``timeout`` in seconds, None: without an end. An
+        axis in ErrorStop stays there until ``reset``. Raises InputError, TimeoutError where a drive
+        does not follow, KernelGoneError.
+        """
         patience(timeout)
         chosen = self._enable(axes, 1)
         if self._link.clocked:
@@ -196,7 +201,9 @@ class Host(Observer):
     def reset(self, *, axes: Axes = None, timeout: float | None = 5.0) -> None:
         """Reset the faults of drives, and the kernel's own errors, once.
 
-        A corrupt look-ahead ring is emptied.
+        A corrupt look-ahead ring is emptied. An axis whose motor is beyond its following error
+        fails again at once: ``disable``, ``reset``, ``enable`` begin where it is. ``axes``,
+        ``timeout`` as of ``enable``. Raises InputError, TimeoutError, KernelGoneError.
         """
         patience(timeout)
         frame = self._link.read()
@@ -209,12 +216,14 @@ class Host(Observer):
         """Bring axes to rest within the limits of their moves; returns at rest.
 
         All axes of a move slow down together. A new goal may replace a halt. With ``timeout`` 0 the
-        order is sent and nothing is waited for, as in a caller's own loop.
+        order is sent and nothing is waited for, as in a caller's own loop; else it is in seconds,
+        None: without an end. Raises InputError, TimeoutError and KernelGoneError, both behind the
+        order.
         """
         self._stopped("halts", axes, timeout)
 
     def stop(self, timeout: float | None = 30.0) -> None:
-        """Halt all axes."""
+        """Halt all axes; as ``halt``."""
         self.halt(timeout)
 
     def quick_stop(

@@ -33,6 +33,8 @@ from sjerk.kernel.tables import kernel_fields
 
 _numbers = itertools.count(1)
 _step = lib.sj_kernel_step
+#: How often a loop steps, known by identity: True equals it, too.
+_ONCE = 1
 _TAPPED = 64  # cycles between two looks at the trace of an own loop
 
 
@@ -279,9 +281,9 @@ class MotionKernel:
             self._positions = commanded(self._kernel, len(self._axes))
         return self._positions
 
-    def step(self, cycles: int = 1) -> None:
+    def step(self, cycles: int = _ONCE) -> None:
         """One cycle in the caller's own loop, or many: collect, interpolate, drive, publish."""
-        if self._steps and type(cycles) is int and cycles == 1:  # nothing else to check
+        if cycles is _ONCE and self._steps:  # nothing else to check
             _step(self._kernel)
             return
         if self._process is not None:

@@ -118,6 +118,16 @@ int32_t sj_plan_sample(double cycle_time_s, const void *from, const void *to, co
     return sj_plan_move(r.distance, r.v0, r.a0, r.v1, limits, plan);
 }
 
+sj_plan sj_plan_between(const void *between)
+{
+    const sj_between *asked = between;
+    sj_plan plan;
+    if (sj_plan_sample(asked->cycle_time_s, &asked->from, &asked->to, &asked->limits, &plan) !=
+        SJ_PLAN_OK)
+        plan.count = -1;
+    return plan;
+}
+
 /* Where the settled sample is after a change to v1 from `at`: Eqs. (2), (3), (5) along the phases. */
 static double end_of(continuous at, double v1, const sj_plan *plan)
 {

@@ -300,7 +300,7 @@ INLINE void plan_lanes(lanes *m, int still, int one_jerk)
         for (int step = 0; step < NEWTON_STEPS && some(m->active); step++)
             step_peak(m);
         EACH_LANE(i)
-        m->peak[i] = pick(root[i] > 0, m->base[i] + m->z[i] * m->z[i] / m->jb[i], m->peak[i]);
+        m->peak[i] = pick(root[i] > 0, m->base[i] + m->z[i] * m->z[i] * m->per_jb[i], m->peak[i]);
     }
     time_ramps(m);
     count_ramps(m, still);

@@ -19,7 +19,8 @@ typedef struct {
     lane least_cycles;
     lane ok; /* 1, or 0 for a lane that has left this way */
     /* the root: of the peak */
-    lane z, base, jb, least_z, most_z, scale, jerk, level, x, m, t, unit, active;
+    lane z, base, per_ju, per_jd, per_au, per_ad, per_jb, least_z, most_z, scale, jerk, level, x, m,
+        t, unit, active;
 } lanes;
 
 /* Inlined into each clone of SIMD, or the loops have no wide vectors. */
@@ -50,6 +51,14 @@ INLINE double upper(double x)
     x -= SLACK * (1.0 + size(x));
     double near = (x + shift) - shift;
     return near + pick(near < x, 1.0, 0.0);
+}
+
+/* whole() of _internal.h of what is not negative. */
+INLINE double whole_of(double x)
+{
+    const double shift = 0x1.8p52;
+    double near = (x + shift) - shift;
+    return near - pick(near > x, 1.0, 0.0);
 }
 
 /* Any lane? */

@@ -15,12 +15,19 @@ INLINE void begin(lanes *m)
         double h = m->h[i], v0 = m->v0[i], a0 = m->a0[i], v1 = m->v1[i], vmax = m->vmax[i];
         double ua = m->au[i], uj = m->ju[i], da = m->ad[i], dj = m->jd[i];
         double small = least(uj, dj), most_a = least(ua, da);
+        /* sj_recover_acceleration() where there is nothing to recover: the acceleration can end on a node */
+        double room = 1.99 * small * (vmax - size(v0) - 2 * small), away = pick(h < 0, -a0, a0);
+        double speed = pick(h < 0, -v0, v0), jerk = pick(away > 0, uj, dj), a = size(a0);
+        double share = a / jerk, n = whole_of(share), left = a - n * jerk;
+        double at_zero = pick(away > 0, speed, -speed) + n * (a - n * jerk / 2);
+        left = pick(left <= 1e-13 * a, 0, left);
+        int lands = (at_zero + left / 2 <= vmax * (1 + SLACK / 2)) &
+                    (size(v0) <= vmax * (1 + SLACK)) & (share < roundable);
         /* sj_valid(), and no recovery; comparisons of what is no number are false */
         int ok = (size(h) <= DBL_MAX) & (h != 0) & (size(v0) <= DBL_MAX) & (vmax > 0) &
                  (vmax <= DBL_MAX) & (ua > 0) & (ua <= DBL_MAX) & (uj > 0) & (uj <= DBL_MAX) &
                  (da > 0) & (da <= DBL_MAX) & (dj > 0) & (dj <= DBL_MAX) &
-                 (size(v1) <= vmax * (1 + SLACK)) & (size(a0) <= most_a) &
-                 (a0 * a0 <= 1.99 * small * (vmax - size(v0) - 2 * small));
+                 (size(v1) <= vmax * (1 + SLACK)) & (a <= most_a) & ((a * a <= room) | lands);
         double d = pick(h < 0, -1, 1);
         double first = d * a0;
         /* with h > 0 only an acceleration against it turns the push */
@@ -164,7 +171,11 @@ INLINE void guess_peak(lanes *m, int one_jerk)
         z = pick(z < lo, lo, z);
         m->z[i] = z;
         m->base[i] = base;
-        m->jb[i] = jb;
+        m->per_ju[i] = 1 / m->ju[i];
+        m->per_jd[i] = 1 / m->jd[i];
+        m->per_au[i] = 1 / m->au[i];
+        m->per_ad[i] = 1 / m->ad[i];
+        m->per_jb[i] = pick(second, m->per_jd[i], m->per_ju[i]);
         m->least_z[i] = lo;
         m->most_z[i] = hi;
         m->scale[i] = 1e-13 * (size(m->h[i]) + size(m->at_low[i]));
@@ -176,29 +187,33 @@ INLINE void step_peak(lanes *m)
 {
     EACH_LANE(i)
     {
-        double vs = m->vs[i], v1 = m->v1[i], z = m->z[i], jb = m->jb[i], lo = m->least_z[i],
+        double vs = m->vs[i], v1 = m->v1[i], z = m->z[i], per_jb = m->per_jb[i], lo = m->least_z[i],
                hi = m->most_z[i];
         double ju = m->ju[i], jd = m->jd[i], au = m->au[i], ad = m->ad[i];
+        double per_au = m->per_au[i], per_ad = m->per_ad[i];
         int second = v1 >= vs, runs = m->active[i] > 0;
-        double square = z * z / jb, v = m->base[i] + square;
+        double square = z * z * per_jb, v = m->base[i] + square;
         double x1 = pick(second, v - vs, square), x2 = pick(second, square, v - v1);
-        double root = sqrt(most(pick(second, x1, x2), 0) * pick(second, ju, jd));
-        double r1 = pick(second, root, z), r2 = pick(second, z, root);
+        double r = sqrt(most(pick(second, x1, x2), 0) * pick(second, ju, jd)),
+               per_both = 1 / (r * z);
+        double r1 = pick(second, r, z), r2 = pick(second, z, r);
         int flat1 = x1 * ju >= au * au, flat2 = x2 * jd >= ad * ad;
-        double t1 = pick(flat1, x1, 2 * r1) / pick(flat1, au, ju);
-        double t2 = pick(flat2, x2, 2 * r2) / pick(flat2, ad, jd);
-        double d1 = 1 / pick(flat1, au, r1), d2 = 1 / pick(flat2, ad, r2);
-        t1 = pick(flat1, t1 + m->up[i], t1);
-        t2 = pick(flat2, t2 + m->down[i], t2);
-        double e = m->p0[i] + 0.5 * ((v + vs) * t1 + (v + v1) * t2) - m->h[i];
+        double t1 = pick(flat1, x1 * per_au + au * m->per_ju[i], 2 * r1 * m->per_ju[i]);
+        double t2 = pick(flat2, x2 * per_ad + ad * m->per_jd[i], 2 * r2 * m->per_jd[i]);
+        double d1 = pick(flat1, per_au, per_both * r2), d2 = pick(flat2, per_ad, per_both * r1);
+        double c1 = pick(flat1, 0, -0.5 * ju * d1 * d1 * d1);
+        double c2 = pick(flat2, 0, -0.5 * jd * d2 * d2 * d2);
+        double s1 = v + vs, s2 = v + v1, e = m->p0[i] + 0.5 * (s1 * t1 + s2 * t2) - m->h[i];
         hi = pick(e > 0, z, hi);
         lo = pick(e > 0, lo, z);
         int met = size(e) <= m->scale[i];
-        double slope = 0.5 * (t1 + t2) + 0.5 * (v + vs) * d1 + 0.5 * (v + v1) * d2;
-        slope = slope * 2 * z / jb;
-        double next = z - e / slope;
-        next = pick((next > lo) & (next < hi), next, 0.5 * (lo + hi));
-        int last = size(next - z) <= 1e-13 * z;
+        double by_v = 0.5 * (t1 + t2 + s1 * d1 + s2 * d2);
+        double by_v2 = d1 + d2 + 0.5 * (s1 * c1 + s2 * c2);
+        double dv = 2 * z * per_jb, slope = by_v * dv, bend = by_v2 * dv * dv + by_v * 2 * per_jb;
+        double next = z - e * slope / (slope * slope - 0.5 * e * bend);
+        int inside = (next > lo) & (next < hi);
+        next = pick(inside, next, 0.5 * (lo + hi));
+        int last = size(next - z) <= pick(inside, CLOSE, 1e-13) * z;
         m->least_z[i] = lo;
         m->most_z[i] = hi;
         m->z[i] = pick(runs & !met, next, z);

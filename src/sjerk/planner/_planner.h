@@ -76,6 +76,14 @@ int32_t sj_plan_samples(int32_t n, double cycle_time_s, const void *states, cons
                         sj_plan *plans);
 int32_t sj_plan_sample(double cycle_time_s, const void *from, const void *to, const void *limits,
                        sj_plan *plan);
+/* The same asked by one piece of memory and answered by value, for the least work in Python: count -1 where there
+ * is no plan, and sj_plan_sample() says why. */
+typedef struct {
+    sj_state from, to;
+    sj_limits limits;
+    double cycle_time_s;
+} sj_between;
+sj_plan sj_plan_between(const void *between);
 /* Changes of velocity; of the requests the distance is nothing. *synchronization: as sj_plan_axes. */
 int32_t sj_plan_velocities(int32_t n, const sj_request *requests, const sj_limits *limits,
                            int32_t *synchronization, sj_plan *plans);

@@ -51,14 +51,76 @@ double sj_family_distance(const task *t, const family *f, double v)
    does. */
 enum { FAR_STEPS = 16 };
 
-/* Peak velocity at which the family covers h. In z = sqrt(v - base) the distance is smooth. */
-static double family_peak(const task *t, const family *f, double at_low, int far)
+/* The velocity limit and the lowest peak in z = sqrt(J (v - base)), in which the distance is smooth: base is where
+   the ramp is nothing that has the higher end. */
+typedef struct {
+    double base, jerk, low, high;
+    int second; /* the ramp at base is the second one */
+} peak_range;
+
+static peak_range peak_range_of(const task *t, const family *f)
 {
-    double base = most(f->vs, t->v1);
     int second = t->v1 >= f->vs;
-    double jb = second ? t->jd : t->ju;
-    double lo = sqrt(most(0, (f->low - base) * jb)), hi = sqrt(most(0, (t->vmax - base) * jb));
+    double base = most(f->vs, t->v1), j = second ? t->jd : t->ju;
+    return (peak_range){base, j, sqrt(most(0, (f->low - base) * j)),
+                        sqrt(most(0, (t->vmax - base) * j)), second};
+}
+
+/* Peak velocity at which the family covers h, on its far side: steps of Newton from the velocity limit on. */
+static double far_peak(const task *t, const family *f, double at_low)
+{
+    peak_range k = peak_range_of(t, f);
+    double z = most(k.high, k.low), scale = 1e-13 * (fabs(t->h) + fabs(at_low));
+    for (int i = 0; i < FAR_STEPS; i++) {
+        double square = z * z / k.jerk, v = k.base + square, t1, t2, d1, d2;
+        double x1 = k.second ? v - f->vs : square, x2 = k.second ? square : v - t->v1;
+        if (x1 * t->ju >= t->au * t->au) {
+            t1 = x1 / t->au + t->au / t->ju;
+            d1 = 1 / t->au;
+        } else {
+            double r = k.second ? sqrt(most(x1, 0) * t->ju) : z;
+            t1 = 2 * r / t->ju;
+            d1 = 1 / r;
+        }
+        if (x2 * t->jd >= t->ad * t->ad) {
+            t2 = x2 / t->ad + t->ad / t->jd;
+            d2 = 1 / t->ad;
+        } else {
+            double r = k.second ? z : sqrt(most(x2, 0) * t->jd);
+            t2 = 2 * r / t->jd;
+            d2 = 1 / r;
+        }
+        double e = f->p0 + 0.5 * ((v + f->vs) * t1 + (v + t->v1) * t2) - t->h;
+        if (e > 0)
+            k.high = z;
+        else
+            k.low = z;
+        if (fabs(e) <= scale)
+            break;
+        double slope = 0.5 * (t1 + t2) + 0.5 * (v + f->vs) * d1 + 0.5 * (v + t->v1) * d2;
+        slope = slope * 2 * z / k.jerk;
+        double next = z - e / slope;
+        if (!(next > k.low && next < k.high))
+            next = 0.5 * (k.low + k.high);
+        if (fabs(next - z) <= 1e-13 * z) {
+            z = next;
+            break;
+        }
+        z = next;
+    }
+    return k.base + z * z / k.jerk;
+}
+
+/* Peak velocity at which the family covers h: with e what it is too long by, steps of Halley,
+       z <- z - e e' / (e'^2 - e e'' / 2),
+   inside a bracket. A step leaves the cube of the error: behind one of CLOSE there is none to be seen. The roots
+   of both ramps share a quotient, since every division is waited for. */
+static double family_peak(const task *t, const family *f, double at_low)
+{
+    peak_range k = peak_range_of(t, f);
     double x = t->h - at_low, jh = t->ju, ah = t->au;
+    if (x <= 0)
+        return f->low;
     if (t->jd != t->ju) {
         double q = 2 / (1 / sqrt(t->ju) + 1 / sqrt(t->jd));
         jh = q * q;
@@ -70,56 +132,44 @@ static double family_peak(const task *t, const family *f, double at_low, int far
         double q = ah / jh;
         v = 0.5 * (sqrt(ah * (ah * q * q + 4 * x)) - ah * q);
     }
-    double z = sqrt(most(0, (v + f->low - base) * jb));
-    if (far || !(z < hi))
-        z = hi;
-    if (z < lo)
-        z = lo;
+    double z = most(least(sqrt(most(0, (v + f->low - k.base) * k.jerk)), k.high), k.low);
     double scale = 1e-13 * (fabs(t->h) + fabs(at_low));
-    if (!far && x <= 0)
-        return f->low;
-    for (int i = 0; i < (far ? FAR_STEPS : NEWTON_STEPS); i++) {
-        v = base + z * z / jb;
-        double x1 = v - f->vs, x2 = v - t->v1, t1, t2, d1, d2;
-        if (second)
-            x2 = z * z / jb;
-        else
-            x1 = z * z / jb;
-        if (x1 * t->ju >= t->au * t->au) {
-            t1 = x1 / t->au + t->au / t->ju;
-            d1 = 1 / t->au;
-        } else {
-            double r = second ? sqrt(most(x1, 0) * t->ju) : z;
-            t1 = 2 * r / t->ju;
-            d1 = 1 / r;
-        }
-        if (x2 * t->jd >= t->ad * t->ad) {
-            t2 = x2 / t->ad + t->ad / t->jd;
-            d2 = 1 / t->ad;
-        } else {
-            double r = second ? z : sqrt(most(x2, 0) * t->jd);
-            t2 = 2 * r / t->jd;
-            d2 = 1 / r;
-        }
-        double e = f->p0 + 0.5 * ((v + f->vs) * t1 + (v + t->v1) * t2) - t->h;
+    double per_ju = 1 / t->ju, per_jd = 1 / t->jd, per_au = 1 / t->au, per_ad = 1 / t->ad;
+    double per_j = k.second ? per_jd : per_ju, up = t->au * per_ju, down = t->ad * per_jd;
+    for (int i = 0; i < NEWTON_STEPS; i++) {
+        double square = z * z * per_j;
+        v = k.base + square;
+        double x1 = k.second ? v - f->vs : square, x2 = k.second ? square : v - t->v1;
+        double r = sqrt(most(k.second ? x1 : x2, 0) * (k.second ? t->ju : t->jd));
+        double r1 = k.second ? r : z, r2 = k.second ? z : r, per_both = 1 / (r * z);
+        int flat1 = x1 * t->ju >= t->au * t->au, flat2 = x2 * t->jd >= t->ad * t->ad;
+        /* times of the ramps, and their first and second derivatives by v */
+        double t1 = flat1 ? x1 * per_au + up : 2 * r1 * per_ju;
+        double t2 = flat2 ? x2 * per_ad + down : 2 * r2 * per_jd;
+        double d1 = flat1 ? per_au : per_both * r2, d2 = flat2 ? per_ad : per_both * r1;
+        double c1 = flat1 ? 0 : -0.5 * t->ju * d1 * d1 * d1;
+        double c2 = flat2 ? 0 : -0.5 * t->jd * d2 * d2 * d2;
+        double s1 = v + f->vs, s2 = v + t->v1, e = f->p0 + 0.5 * (s1 * t1 + s2 * t2) - t->h;
         if (e > 0)
-            hi = z;
+            k.high = z;
         else
-            lo = z;
+            k.low = z;
         if (fabs(e) <= scale)
             break;
-        double slope = 0.5 * (t1 + t2) + 0.5 * (v + f->vs) * d1 + 0.5 * (v + t->v1) * d2;
-        slope = slope * 2 * z / jb;
-        double next = z - e / slope;
-        if (!(next > lo && next < hi))
-            next = 0.5 * (lo + hi);
-        if (fabs(next - z) <= 1e-13 * z) {
+        double by_v = 0.5 * (t1 + t2 + s1 * d1 + s2 * d2);
+        double by_v2 = d1 + d2 + 0.5 * (s1 * c1 + s2 * c2);
+        double dv = 2 * z * per_j, slope = by_v * dv, bend = by_v2 * dv * dv + by_v * 2 * per_j;
+        double next = z - e * slope / (slope * slope - 0.5 * e * bend);
+        int inside = next > k.low && next < k.high;
+        if (!inside)
+            next = 0.5 * (k.low + k.high);
+        if (fabs(next - z) <= (inside ? CLOSE : 1e-13) * z) {
             z = next;
             break;
         }
         z = next;
     }
-    return base + z * z / jb;
+    return k.base + z * z * per_j;
 }
 
 /* ---- in whole cycles ---- */
@@ -297,7 +347,7 @@ int sj_by_cruise(const task *t, const family *f, double at_low, int far, seven *
         v = t->vmax;
         t4 = (t->h - at_top) / v;
     } else
-        v = family_peak(t, f, at_low, far);
+        v = far ? far_peak(t, f, at_low) : family_peak(t, f, at_low);
     double x1 = most(0, v - f->vs), x2 = most(0, v - t->v1);
     double z1 = sqrt(x1 * t->ju), z2 = sqrt(x2 * t->jd);
     double t1, t2;

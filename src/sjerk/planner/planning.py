@@ -8,7 +8,7 @@ Never here: clocks, shared memory, drives.
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, overload
 
 import numpy as np
@@ -36,10 +36,16 @@ from sjerk.profile import Limits, Profile, Samples, State
 
 #: Allocation without clearing, and types looked up once: this is the fast path.
 _new = ffi.new_allocator(should_clear_after_alloc=False)
-_sample, _profile = lib.sj_plan_sample, Profile.of_c
+_between, _joined = lib.sj_plan_between, b"".join
+#: The function behind the method: a call of it is the interpreter's own.
+_profile: Callable[..., Profile] = Profile.of_c.__func__  # type: ignore[attr-defined]
+#: Bytes of limits and a cycle time behind two states.
+_KEPT = ffi.sizeof("sj_between") - 2 * ffi.sizeof("sj_state")
+#: The ``min_duration`` of whoever gives none, known by identity.
+_NO_LEAST = 0.0
 _MOST: int = lib.SJ_AXES
 _PHASE: int = lib.SJ_SYNC_PHASE
-_PLAN, _INT = ffi.typeof("sj_plan *"), ffi.typeof("int32_t *")
+_INT = ffi.typeof("int32_t *")
 _PLANS = [ffi.typeof(f"sj_plan[{n}]") for n in range(_MOST + 1)]
 #: Only "phase" is ever changed by the planner: the others can be shared.
 _MODES = {code: ffi.new("int32_t *", code) for code in CODES.values()}
@@ -211,13 +217,13 @@ def plan(
     moving: bool = ...,
 ) -> Motion: ...
 def plan(
-    start: State | float | Sequence[State | float],
-    target: State | float | Sequence[State | float],
-    limits: Limits | Sequence[Limits],
+    start: Any,
+    target: Any,
+    limits: Any,
     cycle_time: float,
     *,
     synchronization: Synchronization = "time",
-    min_duration: float = 0.0,
+    min_duration: float = _NO_LEAST,
     cruise: Cruise = "fast",
     moving: bool = False,
 ) -> Profile | Motion:
@@ -254,26 +260,21 @@ def plan(
     >>> profile.cycles, float(profile.sample().position[-1])
     (1862, 160.0)
     """
-    if (
-        start.__class__ is State
-        and target.__class__ is State
-        and limits.__class__ is Limits
-        and synchronization == "time"
-        and cruise == "fast"
-        and min_duration.__class__ is float
-        and not min_duration
-        and moving is False
-    ):
+    plain = min_duration is _NO_LEAST and cruise == "fast" and moving is False
+    if plain and type(start) is State and type(target) is State and synchronization == "time":
         # the fast path: one axis without a range, states built beforehand, no options
-        per_cycle = limits.cycled.get(cycle_time) if cycle_time.__class__ is float else None
-        if per_cycle is None:
-            return _one(start, target, limits, cycle_time)
-        made = _new(_PLAN)
-        if _sample(cycle_time, start.memory, target.memory, per_cycle, made):
-            return _one(start, target, limits, cycle_time)  # which tells why
-        return _profile(made, cycle_time, start, target)
-    fast = min_duration.__class__ is float and not min_duration and cruise == "fast"
-    if fast and moving is False and start.__class__ is list and target.__class__ is list:
+        try:
+            per_cycle = limits.cycled[cycle_time] if type(cycle_time) is float else None
+        except (AttributeError, KeyError):
+            per_cycle = None
+        # of limits that another version pickled it may be shorter
+        if per_cycle is not None and len(per_cycle) == _KEPT:
+            made = _between(_joined((start.memory, target.memory, per_cycle)))
+            if made.count >= 0:
+                return _profile(Profile, made, cycle_time, start, target)
+        if type(limits) is Limits:
+            return _one(start, target, limits, cycle_time)  # which tells why where there is none
+    if plain and type(start) is list and type(target) is list:
         motion = _many_axes(start, target, limits, cycle_time, synchronization)
         if motion is not None:
             return motion
@@ -293,8 +294,8 @@ def _one(start: State, target: State, limits: Limits, T: float) -> Profile:
     """One axis, states built beforehand, no options."""
     if limits.position is not None:
         check_target("target", target, limits, accelerated=True)
-    made = _new(_PLAN)
-    status = _sample(T, start.memory, target.memory, limits.per_cycle(T), made)
+    made = ffi.new("sj_plan *")
+    status = lib.sj_plan_sample(T, start.memory, target.memory, limits.per_cycle(T), made)
     if status:
         fail(status, "target", target, limits)
     return Profile.of_c(made, T, start, target, limits.position)

@@ -9,6 +9,7 @@ a clock. Never here: shared memory, drives.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from copy import copy
 
@@ -30,6 +31,9 @@ from sjerk.trajectory.stream_report import Ledger, StreamReport
 FURTHEST = 100
 #: Longest delay, in periods.
 _LONGEST = 10_000
+#: Periods, and knots, that a stream runs behind its goals. With less than so many knots a motion
+#: that the limits allow by far hunts: it slows for the last goal known, and catches up.
+_DELAY = 4
 #: Knots in the time of a stop from full velocity.
 KNOTS = 12
 #: Weight of jerk against distance from the goals.
@@ -45,8 +49,8 @@ class GoalStream:
     ``limits``: one for all joints or one each; ``start`` (N,): where the joints rest, or a
     ``State`` of each, as it was sampled: in motion, outside the limits also. ``period`` (s): time
     between goals, unless they have times of their own. ``delay``: the motion passes a goal so many
-    periods after the first one's arrival and its time; ``margin`` (s) is added to it, for goals
-    that come late and for handing over.
+    periods after the first one's arrival and its time, by default 4, or those of 4 knots where
+    goals are denser; ``margin`` (s) is added to it, for goals that come late and for handing over.
 
     A stream is trusted to keep its limits: the plan may rest beyond the last goal known by what the
     source itself still needs to stop. With ``stop_within`` it always ends at rest at the last goal
@@ -79,7 +83,7 @@ class GoalStream:
         start: ArrayLike | Sequence[State],
         *,
         period: float,
-        delay: int = 4,
+        delay: int | None = None,
         margin: float = 0.0,
         stop_within: bool = False,
         smoothing: float = SMOOTHING,
@@ -95,7 +99,7 @@ class GoalStream:
         if self._period < self._T * (1 - 1e-9):
             raise InputError("period", period, f"must be at least a cycle of {self._T!r} s")
         for name, value, least, most in (
-            ("delay", delay, 1, _LONGEST),
+            ("delay", _DELAY if delay is None else delay, 1, _LONGEST),
             ("knots", knots, 6, 48),
             ("iterations", iterations, 3, 200),
         ):
@@ -109,10 +113,12 @@ class GoalStream:
         self._names = tuple(joint_names or (f"joint{k}" for k in range(n)))
         if len(self._names) != n:
             raise InputError("joint_names", self._names, f"must be one per joint: {n}")
-        self._behind = self._cycles(delay * self._period + margin)
         own = [both(limit) for limit in self._limits]
         stop = max(x.velocity / x.acceleration + x.acceleration / x.jerk for x in own)
         self._m = max(2, round(stop / knots / self._T))
+        if delay is None:
+            delay = max(_DELAY, math.ceil(_DELAY * self.knot / self._period - 1e-9))
+        self._behind = self._cycles(delay * self._period + margin)
         states = self._states(start)
         at = np.array([state.position for state in states])
         bound = None if tolerance is None else self._tolerances(tolerance)
@@ -245,6 +251,11 @@ class GoalStream:
     def knot(self) -> float:
         """Time between knots, s."""
         return self._m * self._T
+
+    @property
+    def delay(self) -> float:
+        """How long after its time a goal is passed, the margin with it, s."""
+        return self._behind * self._T
 
     @property
     def done(self) -> bool:

@@ -248,14 +248,14 @@ class Untimed:
         window: Window,
         begun: FloatArray | None = None,
     ) -> tuple[Knots, Answer]:
-        """``begun`` (n + 1,): moments of way-points and end to begin with; None: as limits allow."""
+        """``begun`` (n + 1,): moments of the way-points and the end to begin with, or None."""
         assert task.end is not None
+        end, task = task.end, replace(task, turns=_on_limits(task))
         if begun is not None:
-            task = replace(task, turns=_on_limits(task))
             made = self._best(task, self._begun(task, keep, begun, window.left, _PASSING))
             if made is not None:
                 return made
-        rows = np.concatenate([np.zeros_like(task.end)[None], task.points, task.end[None]])
+        rows = np.concatenate([np.zeros_like(end)[None], task.points, end[None]])
         moving = window.state.moving
         passes = moments_of(rows, self._table, task.start[1] if moving else None)[1:]
         gaps = stops_between(rows, self._table)
@@ -266,7 +266,6 @@ class Untimed:
         stops = np.cumsum(gaps)
         if self._corridor is None:
             passes, stops = window.going_on(passes), window.going_on(stops)
-        task = replace(task, turns=_on_limits(task))
         found: list[_Start] = []
         for moments, least in ((passes, _PASSING), (stops, _STOPPING)):
             if found and self._corridor is not None:  # points on lines are no stops
