@@ -166,6 +166,48 @@ def test_joints_are_those_of_the_file_each_once(kernel: Path, way: Path) -> None
         assert err == f"sjerk: joints = {told}\n"
 
 
+NAMED = """
+[[axes]]
+name = "lift"
+unit = "mm"
+counts_per_unit = 1000
+limits = { velocity = 500, acceleration = 2000, jerk = 200000 }
+[[axes]]
+unit = "deg"
+counts_per_unit = 46603.37777777778
+limits = { velocity = 100, acceleration = 200, jerk = 20000 }
+[[axes]]
+name = "turn"
+unit = "rev"
+counts_per_unit = 16777216
+limits = { velocity = 2, acceleration = 10, jerk = 1000 }
+"""
+
+
+def test_a_joint_is_the_axis_of_its_name_in_any_order(tmp_path: Path) -> None:
+    """A file that names turn before lift; a bag of it is in radians and metres."""
+    kernel, path = tmp_path / f"follow-{tmp_path.name}.toml", tmp_path / "way.csv"
+    kernel.write_text(NAMED)
+    Trajectory(["turn", "lift"], [0.0, 1.0], [[0.0, 0.0], [0.25, 40.0]]).to_csv(path)
+    out, err = sjerk("follow", path, "--kernel", kernel, "--json").communicate(timeout=600)
+    told = json.loads(out.splitlines()[-1])
+    assert told["result"] == "SUCCESSFUL", err
+    assert {row["axis"]: row["position"] for row in told["positions"]} == {2: 0.25, 0: 40.0}
+
+
+def test_a_joint_that_no_axis_has_is_refused_where_others_have_theirs(tmp_path: Path) -> None:
+    """Nothing moves by order once a name counts."""
+    kernel, path = tmp_path / f"follow-{tmp_path.name}.toml", tmp_path / "way.csv"
+    kernel.write_text(NAMED)
+    Trajectory(["turn", "left"], [0.0, 1.0], [[0.0, 0.0], [0.25, 40.0]]).to_csv(path)
+    run = sjerk("follow", path, "--kernel", kernel)
+    _, err = run.communicate(timeout=600)
+    assert run.returncode == 1
+    assert err == (
+        "sjerk: joints = 'left': the kernel has lift, axis 1, turn: --joints picks some\n"
+    )
+
+
 def test_progress_never_counts_beyond_the_trajectory(kernel: Path, tmp_path: Path) -> None:
     """With a way onto it, whose points are counted by the kernel too."""
     path = tmp_path / "far.csv"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 import threading
+from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,7 @@ from sjerk.executor import (
 )
 from sjerk.host import Host
 from sjerk.kernel import load
+from sjerk.ports.ros.joints import Joints
 from sjerk.trajectory import ExecutionMode, Trajectory, TrajectoryError
 
 _REFUSED, _STOPPED = 3, 4
@@ -32,7 +34,7 @@ _REFUSED, _STOPPED = 3, 4
 def add_arguments(jobs: Any) -> None:
     """Add follow."""
     job = jobs.add_parser("follow", help="play a trajectory on a kernel; returns at its end")
-    job.add_argument("path", type=Path, help="CSV (time, joint, ...) or ROS 2 bag (radians)")
+    job.add_argument("path", type=Path, help="CSV (time, joint, ...) or ROS 2 bag (rad, m)")
     where = job.add_mutually_exclusive_group()
     where.add_argument("--name", help="of the kernel; default: the only one that runs")
     where.add_argument("--kernel", type=Path, help="run the kernel of this TOML file meanwhile")
@@ -42,7 +44,7 @@ def add_arguments(jobs: Any) -> None:
     job.add_argument("--delta", type=float, default=0.0, help="resample, axis units")
     job.add_argument("--tolerance", type=float, default=0.0, help="of dense points, axis units")
     job.add_argument("--scale", type=float, default=1.0, help="of the speed, up to 2")
-    job.add_argument("--joints", nargs="+", help="names of the axes; default: the file's, in order")
+    job.add_argument("--joints", nargs="+", help="of the file; without named axes: in order")
     job.add_argument("--timeout", type=duration, help="seconds; then it stops")
     job.add_argument("--json", action="store_true", help="one JSON object per line")
     job.set_defaults(run=run)
@@ -67,11 +69,14 @@ def run(options: argparse.Namespace) -> int:
             host.enable()
         else:
             host = open_.enter_context(host_of(options))
-        names, trajectory = _fit(host, trajectory, options)
+        axes = _axes_of(host, options, trajectory.joint_names)
+        units = [axis.unit for axis in host.feedback().axes]
+        trajectory = _fit(trajectory, axes, units, options.path)
         executor = open_.enter_context(
             TrajectoryExecutor(
                 host,
-                names,
+                list(axes),
+                axes=list(axes.values()),
                 settings=settings,
                 on_feedback=_Progress(options, len(trajectory)).report,
             )
@@ -86,7 +91,7 @@ def run(options: argparse.Namespace) -> int:
             _stop(host, goal)
             raise
         finally:
-            _result(options, host, goal)
+            _result(options, host, goal, list(axes.values()))
     if goal.status is GoalStatus.SUCCEEDED:
         return 0
     return _REFUSED if goal.status is GoalStatus.REJECTED else _STOPPED
@@ -99,32 +104,43 @@ def _read(path: Path) -> Trajectory:
         raise InputError("path", str(path), str(error)) from error
 
 
-def _fit(
-    host: Host, trajectory: Trajectory, options: argparse.Namespace
-) -> tuple[list[str], Trajectory]:
-    """Names of the kernel's axes, and the trajectory in their units; bags are in radians."""
-    axes = host.feedback().axes
-    names = list(options.joints or trajectory.joint_names)
-    if len(names) > len(axes):
-        raise InputError("joints", names, f"the kernel has {len(axes)} axes: --joints picks some")
+def _axes_of(host: Host, options: argparse.Namespace, known: Sequence[str]) -> dict[str, int]:
+    """The axis of each joint that is played: the one of its name; where no axis has one, in order.
+
+    ``known``: the joints of the file.
+    """
+    names = list(options.joints or known)
     for name in names:
-        if name not in trajectory.joint_names:
-            raise InputError("joints", name, f"the file has {', '.join(trajectory.joint_names)}")
+        if name not in known:
+            raise InputError("joints", name, f"the file has {', '.join(known)}")
         if names.count(name) > 1:
             raise InputError("joints", name, "is named twice")
-    present = names.copy()
-    columns = [trajectory.joint_names.index(name) for name in present]
-    bag = options.path.suffix.lower() != ".csv"
-    scale = np.array(
-        [180.0 / np.pi if bag and axes[names.index(n)].unit == "deg" else 1.0 for n in present]
-    )
-    rows = [
-        None if rows is None else rows[:, columns] * scale
+    if not set(names) & set(host.names):
+        if len(names) > host.axis_count:
+            text = f"the kernel has {host.axis_count} axes: --joints picks some"
+            raise InputError("joints", names, text)
+        return {name: i for i, name in enumerate(names)}
+    for name in names:
+        if name not in host.names:
+            there = ", ".join(axis or f"axis {i}" for i, axis in enumerate(host.names))
+            raise InputError("joints", name, f"the kernel has {there}: --joints picks some")
+    return {name: host.names.index(name) for name in names}
+
+
+def _fit(
+    trajectory: Trajectory, axes: dict[str, int], units: Sequence[str], path: Path
+) -> Trajectory:
+    """Of these joints, in the units of their axes; bags are in radians and metres."""
+    columns = [trajectory.joint_names.index(name) for name in axes]
+    position, velocity, acceleration = (
+        None if rows is None else rows[:, columns]
         for rows in (trajectory.position, trajectory.velocity, trajectory.acceleration)
-    ]
-    assert rows[0] is not None
-    names += [f"axis {i}" for i in range(len(names), len(axes))]
-    return names, Trajectory(present, trajectory.time, rows[0], rows[1], rows[2])
+    )
+    assert position is not None
+    way = Trajectory(list(axes), trajectory.time, position, velocity, acceleration)
+    if path.suffix.lower() == ".csv":
+        return way
+    return Joints.of(list(axes), [units[i] for i in axes.values()]).trajectory(way)
 
 
 def _stop(host: Host, goal: GoalHandle) -> None:
@@ -161,11 +177,12 @@ class _Progress:
             print(f"{line}, error {worst:.6f} ", end="", file=sys.stderr, flush=True)
 
 
-def _result(options: argparse.Namespace, host: Host, goal: GoalHandle) -> None:
+def _result(
+    options: argparse.Namespace, host: Host, goal: GoalHandle, played: Sequence[int]
+) -> None:
     if not options.json:
         print(file=sys.stderr)
-    joints = goal.trajectory.joint_names
-    axes = host.feedback().axes[: len(joints)]
+    axes = host.feedback().axes
     show(
         options,
         {
@@ -175,8 +192,7 @@ def _result(options: argparse.Namespace, host: Host, goal: GoalHandle) -> None:
             "text": goal.text,
             "stretch_s": goal.stretch,
             "positions": [
-                {"axis": i, "position": axis.position, "unit": axis.unit}
-                for i, axis in enumerate(axes)
+                {"axis": i, "position": axes[i].position, "unit": axes[i].unit} for i in played
             ],
         },
     )
