@@ -32,6 +32,9 @@ from sjerk.trajectory.window import KEPT, Plan, Window, stop_of, units
 _FEWEST = 8
 #: Finer knots, and cycles more: what is tried where the own time nearly keeps the limits.
 _LADDER = ((2.0, 1), (4.0, 1), (4.0, 2), (8.0, 2), (4.0, 4), (4.0, 10))
+#: The same for a state in motion: at its limits it has room only where knots are as fine as the
+#: phases of a planner, which end in any cycle.
+_ENTERING = ((2.0, 0), (4.0, 0), (8.0, 0))
 #: Segments of a stop: with more of them a kernel that takes four per cycle slows until it knows the
 #: way to a stop.
 _KNOWN = 240.0
@@ -129,7 +132,8 @@ class Timed:
         most = max(min(self._spacing, length / 40.0), 2.0)
         lengths = going_on(left, length, min(most, length / _FEWEST))
         if finer > 1.0:
-            lengths = split(lengths, max(most / finer, 2.0, self._stop / _KNOWN))
+            least = min(self._stop, length) / _KNOWN
+            lengths = split(lengths, max(most / finer, 1.0, least))
         if len(lengths) < _FEWEST:  # what was left is coarse
             lengths = split(lengths, length / (2.0 * _FEWEST))
         return Knots(lengths)
@@ -152,14 +156,16 @@ class Timed:
         knots = self._knots(left, longer, 1.0)
         pace = evenly(task, knots, later, _EVENLY, self._order)
         apart = float(np.diff(asked, prepend=-0.5).min(initial=np.inf))
-        if pace is None and apart >= _APART * float(knots.lengths.mean()):
+        enters = bool(task.start[1:].any()) and not len(left)
+        if pace is None and not enters and apart >= _APART * float(knots.lengths.mean()):
             return None  # too fast, and not too close for these knots
-        for finer, late in _LADDER if pace is None or pace <= 1.0 + _NEARLY else ():
+        ladder = _LADDER if pace is None or pace <= 1.0 + _NEARLY else ()
+        for finer, late in _ENTERING + _LADDER if enters else ladder:
             if finer <= 2.0 * float(knots.lengths.mean()):
                 exact = self._own_time(task, asked + late * half, left, length + late, finer)
                 if exact is not None:
                     return 0.0, *exact
-        fine = [] if self._quick else [self._knots(left, longer, _LADDER[-1][0])]
+        fine = [] if self._quick and not enters else [self._knots(left, longer, _LADDER[-1][0])]
         for own in (*fine, knots):
             pace = evenly(task, own, later, _EVENLY, self._order)
             least = longer if pace is None else int(np.ceil(pace * longer - 1e-6))
