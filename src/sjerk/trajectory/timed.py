@@ -35,6 +35,8 @@ _LADDER = ((2.0, 1), (4.0, 1), (4.0, 2), (8.0, 2), (4.0, 4), (4.0, 10))
 #: The same for a state in motion: at its limits it has room only where knots are as fine as the
 #: phases of a planner, which end in any cycle.
 _ENTERING = ((2.0, 0), (4.0, 0), (8.0, 0))
+#: A phase is one of whole cycles if it is off by no more, in cycles.
+_WHOLE = 1e-6
 #: Segments of a stop: with more of them a kernel that takes four per cycle slows until it knows the
 #: way to a stop.
 _KNOWN = 240.0
@@ -138,6 +140,12 @@ class Timed:
             lengths = split(lengths, length / (2.0 * _FEWEST))
         return Knots(lengths)
 
+    def _phases(self, task: Task, length: int) -> IntArray:
+        """Lengths of knots that end where the acceleration of a joint can be gone."""
+        ends = np.ceil(np.abs(task.start[2]) / self._table[:, 2] - _WHOLE).astype(np.int64)
+        lengths: IntArray = np.diff(np.unique(ends[(ends > 0) & (ends < length)]), prepend=0)
+        return lengths
+
     def _own_time(
         self, task: Task, asked: FloatArray, left: IntArray, length: int, finer: float
     ) -> tuple[Knots, Answer] | None:
@@ -156,11 +164,14 @@ class Timed:
         knots = self._knots(left, longer, 1.0)
         pace = evenly(task, knots, later, _EVENLY, self._order)
         apart = float(np.diff(asked, prepend=-0.5).min(initial=np.inf))
+        near = pace <= 1.0 + _NEARLY if pace else apart < _APART * float(knots.lengths.mean())
         enters = bool(task.start[1:].any()) and not len(left)
-        if pace is None and not enters and apart >= _APART * float(knots.lengths.mean()):
+        ladder = _LADDER if near else ()
+        if enters:
+            ladder, left = _ENTERING + ladder, self._phases(task, length)
+        elif pace is None and not near:
             return None  # too fast, and not too close for these knots
-        ladder = _LADDER if pace is None or pace <= 1.0 + _NEARLY else ()
-        for finer, late in _ENTERING + _LADDER if enters else ladder:
+        for finer, late in ladder:
             if finer <= 2.0 * float(knots.lengths.mean()):
                 exact = self._own_time(task, asked + late * half, left, length + late, finer)
                 if exact is not None:
