@@ -37,6 +37,9 @@ _LADDER = ((2.0, 1), (4.0, 1), (4.0, 2), (8.0, 2), (4.0, 4), (4.0, 10))
 _ENTERING = ((2.0, 0), (4.0, 0), (8.0, 0))
 #: A phase is one of whole cycles if it is off by no more, in cycles.
 _WHOLE = 1e-6
+#: A third difference of control points is off by 8 roundings of a position: so many of what jerks
+#: may be off by; some segments are half as long as they may be.
+_ROUNDING = 8.0 * 2.0**-53 / 6e-10
 #: Segments of a stop: with more of them a kernel that takes four per cycle slows until it knows the
 #: way to a stop.
 _KNOWN = 240.0
@@ -85,6 +88,7 @@ class Timed:
         """
         self._table, self._box, self._tolerance = table, box, tolerance
         self._use_velocities, self._quick = use_velocities, quick
+        self._exact_to = 0.0  # knots as short leave jerks no digits
         self._kept = False  # a motion within the tolerance that was given is known
         self._stop = stop_of(table)
         soft = float((table[:, 1] / table[:, 2]).min())
@@ -99,6 +103,8 @@ class Timed:
         else:
             length = max(int(np.ceil(asked[-1] + 1.5 * self._stop)), _FEWEST)
         self._order = list(range(len(task.unit)))
+        way = np.abs(window.points - window.state.position).max(axis=0, initial=0.0)
+        self._exact_to = float(np.cbrt(_ROUNDING * way / self._table[:, 2]).max())
         knots, answer = self._own_time(task, asked, window.left, length, 1.0) or self._best(
             task, asked, window, length
         )
@@ -134,8 +140,8 @@ class Timed:
         most = max(min(self._spacing, length / 40.0), 2.0)
         lengths = going_on(left, length, min(most, length / _FEWEST))
         if finer > 1.0:
-            least = min(self._stop, length) / _KNOWN
-            lengths = split(lengths, max(most / finer, 1.0, least))
+            least = max(1.0, min(self._stop, length) / _KNOWN, self._exact_to)
+            lengths = split(lengths, max(most / finer, least))
         if len(lengths) < _FEWEST:  # what was left is coarse
             lengths = split(lengths, length / (2.0 * _FEWEST))
         return Knots(lengths)
@@ -166,7 +172,7 @@ class Timed:
         apart = float(np.diff(asked, prepend=-0.5).min(initial=np.inf))
         near = pace <= 1.0 + _NEARLY if pace else apart < _APART * float(knots.lengths.mean())
         enters = bool(task.start[1:].any()) and not len(left)
-        ladder = _LADDER if near else ()
+        ladder: tuple[tuple[float, int], ...] = _LADDER if near else ()
         if enters:
             ladder, left = _ENTERING + ladder, self._phases(task, length)
         elif pace is None and not near:
