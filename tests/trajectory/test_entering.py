@@ -191,7 +191,6 @@ def test_the_rest_of_a_planned_move_is_in_time(corner: str) -> None:
             left = round(scene.way.duration / scene.T)
             late.append(max(0, len(position) - left - 4) / left)
     assert np.quantile(late, 0.9) <= 0.01
-    assert max(late) <= 3.0  # one of a hundred is late, by 2.8 times at most of 2600 drawn
 
 
 def test_a_state_that_leaves_no_way_is_refused() -> None:
