@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 from dataclasses import dataclass, replace
 
@@ -140,6 +141,56 @@ def test_a_trajectory_that_fits_the_state_is_played_in_its_time(sign: float, cut
     position = scene.judge(list(Entry(limits, 1e-3).enter(way, scene.knot, 0.0)))
     assert len(position) <= len(rows) + 12
     np.testing.assert_allclose(position[: len(rows)], rows, rtol=0, atol=2e-3)
+
+
+def rest_of_a_move(seed: int, corner: str) -> Scene | None:
+    """A planned move that is cut, and its rest as a trajectory.
+
+    In ``any`` cycle, or where the acceleration ends at the velocity limit (``up``), or where it
+    brakes at its limit (``down``).
+    """
+    rng = np.random.default_rng(seed)
+    n, T = int(rng.integers(1, 8)), float(rng.choice([0.25e-3, 1e-3, 4e-3]))
+    V = rng.uniform(0.5, 3.0, n) * 10.0 ** rng.uniform(-3.0, 3.0, n)
+    A = V * rng.uniform(1.0, 10.0, n)
+    J = A * rng.uniform(3.0, 50.0, n)
+    limits = [Limits(*row) for row in np.column_stack([V, A, J]).tolist()]
+    far = V * float((V / A + A / J).max()) * 10.0 ** rng.uniform(-1.0, 0.6)
+    whole = join(Knot.rest(np.zeros(n)), rng.uniform(-1.0, 1.0, n) * far, limits, T)
+    row = replace(whole, first=1).sample()
+    v, a = row.velocity, row.acceleration
+    leads = np.abs(v) + np.maximum(a * np.sign(v), 0.0) ** 2 / (2.0 * J)
+    at = {
+        "any": np.full(len(v), True),
+        "up": ((leads > 0.999 * V) & (a * v > 0.01 * V * A)).any(axis=1),
+        "down": ((a * v < 0.0) & (np.abs(a) > 0.999 * A)).any(axis=1),
+    }[corner]
+    cuts = 1 + np.flatnonzero(at[:-3])
+    if not len(cuts):
+        return None
+    head, tail = split(whole, int(rng.choice(cuts)))
+    rows = replace(tail, first=1).sample().position
+    step = max(2, round(float(rng.choice([0.01, 0.02, 0.05, 0.1])) / T))
+    cycle = np.append(np.arange(step, len(rows) - step, step), len(rows))
+    way = Trajectory([f"j{k}" for k in range(n)], cycle * T, rows[cycle - 1])
+    return Scene(limits, T, Knot.of(head), way, 0.0)
+
+
+@pytest.mark.parametrize("corner", ["any", "up", "down"])
+def test_the_rest_of_a_planned_move_is_in_time(corner: str) -> None:
+    """From every state a planner has: states at a corner of the limits leave knots no room."""
+    late: list[float] = []
+    for seed in itertools.count():
+        scene = rest_of_a_move(seed, corner)
+        if len(late) == int(os.environ.get("SJERK_ENTRIES", "24")):
+            break
+        if scene is not None:
+            blocks = list(Entry(scene.limits, scene.T).enter(scene.way, scene.knot, 0.0))
+            position = scene.judge(blocks)
+            np.testing.assert_array_equal(position[-1], scene.way.position[-1])
+            left = round(scene.way.duration / scene.T)
+            late.append(max(0, len(position) - left - 4) / left)
+    assert np.quantile(late, 0.9) <= 0.01
 
 
 def test_a_state_that_leaves_no_way_is_refused() -> None:

@@ -32,6 +32,14 @@ from sjerk.trajectory.window import KEPT, Plan, Window, stop_of, units
 _FEWEST = 8
 #: Finer knots, and cycles more: what is tried where the own time nearly keeps the limits.
 _LADDER = ((2.0, 1), (4.0, 1), (4.0, 2), (8.0, 2), (4.0, 4), (4.0, 10))
+#: The same for a state in motion: at its limits it has room only where knots are as fine as the
+#: phases of a planner, which end in any cycle.
+_ENTERING = ((2.0, 0), (4.0, 0), (8.0, 0))
+#: A phase is one of whole cycles if it is off by no more, in cycles.
+_WHOLE = 1e-6
+#: A third difference of control points is off by 8 roundings of a position: so many of what jerks
+#: may be off by; some segments are half as long as they may be.
+_ROUNDING = 8.0 * 2.0**-53 / 6e-10
 #: Segments of a stop: with more of them a kernel that takes four per cycle slows until it knows the
 #: way to a stop.
 _KNOWN = 240.0
@@ -80,6 +88,7 @@ class Timed:
         """
         self._table, self._box, self._tolerance = table, box, tolerance
         self._use_velocities, self._quick = use_velocities, quick
+        self._exact_to = 0.0  # knots as short leave jerks no digits
         self._kept = False  # a motion within the tolerance that was given is known
         self._stop = stop_of(table)
         soft = float((table[:, 1] / table[:, 2]).min())
@@ -94,6 +103,8 @@ class Timed:
         else:
             length = max(int(np.ceil(asked[-1] + 1.5 * self._stop)), _FEWEST)
         self._order = list(range(len(task.unit)))
+        way = np.abs(window.points - window.state.position).max(axis=0, initial=0.0)
+        self._exact_to = float(np.cbrt(_ROUNDING * way / self._table[:, 2]).max())
         knots, answer = self._own_time(task, asked, window.left, length, 1.0) or self._best(
             task, asked, window, length
         )
@@ -129,10 +140,17 @@ class Timed:
         most = max(min(self._spacing, length / 40.0), 2.0)
         lengths = going_on(left, length, min(most, length / _FEWEST))
         if finer > 1.0:
-            lengths = split(lengths, max(most / finer, 2.0, self._stop / _KNOWN))
+            least = max(1.0, min(self._stop, length) / _KNOWN, self._exact_to)
+            lengths = split(lengths, max(most / finer, least))
         if len(lengths) < _FEWEST:  # what was left is coarse
             lengths = split(lengths, length / (2.0 * _FEWEST))
         return Knots(lengths)
+
+    def _phases(self, task: Task, length: int) -> IntArray:
+        """Lengths of knots that end where the acceleration of a joint can be gone."""
+        ends = np.ceil(np.abs(task.start[2]) / self._table[:, 2] - _WHOLE).astype(np.int64)
+        lengths: IntArray = np.diff(np.unique(ends[(ends > 0) & (ends < length)]), prepend=0)
+        return lengths
 
     def _own_time(
         self, task: Task, asked: FloatArray, left: IntArray, length: int, finer: float
@@ -152,14 +170,19 @@ class Timed:
         knots = self._knots(left, longer, 1.0)
         pace = evenly(task, knots, later, _EVENLY, self._order)
         apart = float(np.diff(asked, prepend=-0.5).min(initial=np.inf))
-        if pace is None and apart >= _APART * float(knots.lengths.mean()):
+        near = pace <= 1.0 + _NEARLY if pace else apart < _APART * float(knots.lengths.mean())
+        enters = bool(task.start[1:].any()) and not len(left)
+        ladder: tuple[tuple[float, int], ...] = _LADDER if near else ()
+        if enters:
+            ladder, left = _ENTERING + ladder, self._phases(task, length)
+        elif pace is None and not near:
             return None  # too fast, and not too close for these knots
-        for finer, late in _LADDER if pace is None or pace <= 1.0 + _NEARLY else ():
+        for finer, late in ladder:
             if finer <= 2.0 * float(knots.lengths.mean()):
                 exact = self._own_time(task, asked + late * half, left, length + late, finer)
                 if exact is not None:
                     return 0.0, *exact
-        fine = [] if self._quick else [self._knots(left, longer, _LADDER[-1][0])]
+        fine = [] if self._quick and not enters else [self._knots(left, longer, _LADDER[-1][0])]
         for own in (*fine, knots):
             pace = evenly(task, own, later, _EVENLY, self._order)
             least = longer if pace is None else int(np.ceil(pace * longer - 1e-6))
