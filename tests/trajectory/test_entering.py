@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from helpers.following_check import Array
-from sjerk import InputError, Limits, PlanError, Trajectory
+from sjerk import InputError, Limits, PlanError, Trajectory, follow
 from sjerk.trajectory.entering import Entry
 from sjerk.trajectory.joining import join
-from sjerk.trajectory.segments import Followed, Knot, split
+from sjerk.trajectory.segments import PHASES, Followed, Knot, packed, split
 from sjerk.trajectory.window import limits_per_cycle, stop_of, units
 
 
@@ -212,3 +212,30 @@ def test_a_single_goal_takes_what_a_plan_takes() -> None:
         (block,) = Entry(limits, 1e-3).enter(way, knot, 0.0)
         assert int(block.cycles.sum()) == max(soonest, round(asked * 1e3))
         assert int(block.stretch.sum()) == max(0, soonest - round(asked * 1e3))
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_packed_segments_are_the_same_motion(seed: int) -> None:
+    """Sample by sample, with the same way-point ahead in each cycle, in as few as have room."""
+    rng = np.random.default_rng(seed)
+    n, joints = int(rng.integers(1, 60)), int(rng.integers(1, 8))
+    limits = [Limits(*10.0 ** rng.uniform(0.0, 1.0, 3).cumsum()) for _ in range(joints)]
+    time = np.cumsum(rng.uniform(0.02, 0.4, n + 1))
+    q = np.cumsum(rng.uniform(-0.2, 0.2, (n + 1, joints)) * 10.0 ** rng.uniform(-3.0, 0.0), axis=0)
+    way = Trajectory([f"j{i}" for i in range(joints)], time - time[0], q)
+    for block in follow(way, limits, 1e-3, quick=True):
+        made = packed(block)
+        one, two = block.sample(), made.sample()
+        size = 1.0 + np.abs(one.position).max()
+        np.testing.assert_allclose(two.position, one.position, rtol=0.0, atol=4e-15 * size)
+        np.testing.assert_array_equal(two.jerk, one.jerk)
+        for name in ("ahead", "stretch"):
+            assert len(getattr(made, name)) == len(made)
+        np.testing.assert_array_equal(
+            np.repeat(made.ahead, made.cycles), np.repeat(block.ahead, block.cycles)
+        )
+        assert made.stretch.sum() == block.stretch.sum()
+        full = (made.lengths > 0).sum(axis=1)
+        apart = np.diff(made.ahead) != 0
+        assert (apart | (full[:-1] + full[1:] > PHASES)).all()
+        assert (made.lengths.sum(axis=1) == made.cycles).all()

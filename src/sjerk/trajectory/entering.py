@@ -15,7 +15,7 @@ import numpy as np
 from sjerk.profile import Limits
 from sjerk.trajectory.following import follow
 from sjerk.trajectory.joining import join
-from sjerk.trajectory.segments import Followed, Knot, dwell
+from sjerk.trajectory.segments import Followed, Knot, dwell, packed
 from sjerk.trajectory.trajectory import Trajectory
 from sjerk.trajectory.window import ranges
 
@@ -107,6 +107,7 @@ def _numbered(
     first = cycle = 0
     for block in blocks:
         ahead = np.minimum(block.ahead + point, last)
-        yield replace(block, joint_names=names, first=first, first_cycle=cycle, ahead=ahead)
-        first += len(block)
-        cycle += int(block.cycles.sum())
+        one = packed(replace(block, joint_names=names, first_cycle=cycle, ahead=ahead))
+        yield replace(one, first=first)
+        first += len(one)
+        cycle += int(one.cycles.sum())
