@@ -24,6 +24,8 @@ _NOTHING = 5e-5
 #: Way-points that may be missed by so much (in tolerances) leave room to go straight on.
 _LOOSE = 0.5
 ROUNDS = 20
+#: A round that gains more than this does not count as one of them; how many there may be in all.
+_MUCH, _MOST = 5e-3, 100
 #: Steps of the solver for a motion at its moments; one that is not found in so many is none.
 _STEPS = 25
 
@@ -155,15 +157,15 @@ def feasible(
 def fastest(
     task: Task, knots: Knots, best: Answer, keep: float | FloatArray, rounds: int = ROUNDS
 ) -> Answer:
-    """From a motion to begin with, the fastest found in so many rounds.
+    """From a motion to begin with, the fastest found in so many rounds that gain little each.
 
     Where way-points have room a step is settled as it is, and reaches further where it held what it
     promised. Exact ones hang on their moments: those are mended first, and rounds go on while any
     gains; going straight on ended 0.4 % later.
     """
-    n, reach, still = len(best.moments), 0.3, 0
+    n, reach, still, few = len(best.moments), 0.3, 0, 0
     loose = bool(np.min(keep) > _LOOSE)
-    for _ in range(rounds if n else 0):
+    for _ in range(_MOST if n else 0):
         step = Programme(task, knots, best, move=True, paced=True).solve(
             keep=keep, reach=reach * knots.around(best.moments), slower=0.2, near=1e-7
         )
@@ -174,6 +176,7 @@ def fastest(
             found = _settled_along(task, knots, best, step, share, keep, loose)
             if found is not None:
                 break
+        few += found is None or found.pace > best.pace * (1.0 - _MUCH)
         if found is not None:
             still = still + 1 if found.pace > best.pace * (1.0 - _GAIN) else 0
             assert step is not None
@@ -183,7 +186,7 @@ def fastest(
             best = found
         else:
             reach, still = reach * 0.2, still + 1
-        if still > 2 or reach < 1e-4:
+        if still > 2 or reach < 1e-4 or few >= rounds:
             break
     return best
 

@@ -265,7 +265,8 @@ class Untimed:
             gaps[0] += float((np.abs(v) / A + A / J + np.abs(a) / J).max())
         stops = np.cumsum(gaps)
         if self._corridor is None:
-            passes, stops = window.going_on(passes), window.going_on(stops)
+            passes = window.going_on(passes, KEPT * self._stop)  # further on it comes to rest
+            stops = window.going_on(stops, rests=True)
         found: list[_Start] = []
         for moments, least in ((passes, _PASSING), (stops, _STOPPING)):
             if found and self._corridor is not None:  # points on lines are no stops

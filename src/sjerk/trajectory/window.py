@@ -114,13 +114,22 @@ class Window:
         P, V, A = begin_of(self.state, self.T)
         return np.stack([P - self.state.position, V, A])
 
-    def going_on(self, moments: FloatArray) -> FloatArray:
-        """Moments (k,): those planned before, where there were any; then the same gaps."""
-        known = min(len(self.begun), len(moments))
+    def going_on(
+        self, moments: FloatArray, until: float = np.inf, *, rests: bool = False
+    ) -> FloatArray:
+        """Moments (k,): those planned before, where there were any; then the same gaps.
+
+        Of the plan before so many cycles; ``rests``: its rest at the last way-point that it knew
+        is one of its moments.
+        """
+        begun = self.begun[self.begun <= until]
+        if rests and len(self.begun):
+            begun = np.append(self.begun, float(self.left.sum()))
+        known = min(len(begun), len(moments))
         if known == 0:
             return moments
-        later = moments[known:] - moments[known - 1] + self.begun[known - 1]
-        return np.concatenate([self.begun[:known], later])
+        later = moments[known:] - moments[known - 1] + begun[known - 1]
+        return np.concatenate([begun[:known], later])
 
     def hand_out(self, plan: Plan, cycles: float) -> Followed:
         """Segments of so many cycles of a plan, or of all of it; go on from where they end."""
