@@ -37,6 +37,7 @@ CHOSEN = [
             "base/test_interpolator.py",
             "trajectory/test_following.py",
             "trajectory/test_stretching.py",
+            "trajectory/test_horizon.py",
             "trajectory/test_quadratic.py",
             "executor/test_playing.py",
             "cycle/test_ahead.py",

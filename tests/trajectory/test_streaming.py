@@ -148,6 +148,7 @@ def test_goals_are_met_exactly_where_that_is_asked() -> None:
     stream, found = play(draw, exact=True)
     rows = positions(found.blocks)
     due = np.round((draw.times[1:] - draw.times[1]) / T).astype(int) + 1200 - 1
+    due = np.minimum(due, len(rows) - 1)  # behind its end it rests where it is
     np.testing.assert_allclose(rows[due], draw.goals[1:], atol=1e-9)
     assert stream.report.deviation.max() <= 1e-9
 
@@ -156,9 +157,9 @@ def test_a_tolerance_bounds_what_is_left_of_goals() -> None:
     """At all of the limits, the last goal known never passed: later rather than further off."""
     draw = one_way(1.0, 0.05, 6, within=True, joints=3)
     free, found = play(draw)
-    bound, closer = play(draw, tolerance=0.01)
-    assert free.report.deviation.max() > 0.01
-    assert bound.report.deviation.max() <= 0.01
+    bound, closer = play(draw, tolerance=0.006)
+    assert free.report.deviation.max() > 0.006
+    assert bound.report.deviation.max() <= 0.006
     assert closer.late <= found.late + draw.stop / 6
     assert judge(draw, closer)["over"] <= 1 + 1e-9
 

@@ -1,15 +1,15 @@
-/* Convex quadratic programmes of splines: banded unknowns, and two that every row may have.
+/* Convex quadratic programmes of splines: banded unknowns, and up to two that every row may have.
  *
- * The unknowns stand in order of time, so that a row's lie within `band` of each other; the last two (a
+ * The unknowns stand in order of time, so that a row's lie within `band` of each other; the last ones (a
  * pace of time, an excess) are the border. The matrix of a Newton step is then a band with a border
- * (an arrow), and its Cholesky factor is one too:
- *     [ L   ]     L banded, M = B L^-T, C the factor of the corner less M M'.
- *     [ M C ]
+ * (`_bordered.c`).
  * Method: the primal-dual interior point method with Mehrotra's predictor and corrector (Nocedal and
  * Wright, Numerical Optimization, sections 14.2 and 16.6). Every bound of a row has a slack s > 0, free
- * to be wrong at first, and a multiplier z > 0; a step solves, with omega = weight + sum of z / s,
- *     (sum of omega a a') dx = - gradient of the Lagrangian + sum of a (c - z r) / s,
- * where c is what s z is to become less what it is, and r what the slack is wrong by.
+ * to be wrong at first, and a multiplier z > 0; a step solves, with omega = sum of z / s,
+ *     (H + sum of omega a a') dx = - gradient of the Lagrangian + sum of a (c - z r) / s,
+ * where H is the objective's, c what s z is to become less what it is, and r what the slack is wrong by.
+ * A row that is to be met has a multiplier of any sign and omega = STIFF, a step of the method of
+ * multipliers. Rows go through in chunks of LANES, so that loops over these are vectors.
  * Never here: what the rows mean, memory of its own, time.
  */
 #include <math.h>
@@ -17,37 +17,46 @@
 #include <stdint.h>
 #include <string.h>
 #include "trajectory/_arrow.h"
+#include "trajectory/_bordered.h"
+#include "trajectory/_rows.h"
 
-enum { W = SJ_ARROW_WIDTH, B = SJ_ARROW_BORDER };
+enum { B = SJ_BORDER, SIDES = 2 * LANES };
 
-/* Share of the way to the nearest bound that a step takes, and what every unknown is held by. */
-static const double BOUNDARY = 0.995, HOLD = 1e-11;
+/* Share of the way to the nearest bound that a step takes. */
+static const double BOUNDARY = 0.995;
 
-/* A row missed by less is met, besides the rounding of its coefficients, which may be 10^8. A step shorter than this is
- * followed by one to the middle. A product s z stays above this share of their mean: slacks smaller than
+/* A row missed by less is met, besides the rounding of its coefficients, which may be 10^8. A step shorter than
+ * SHORT is followed by one to the middle; after two that are none there is no way on. A product s z stays above this share of their mean: slacks smaller than
  * the rounding of their rows would hold up all steps. */
-static const double MISSED = 4e-10, EPSILON = 1e-15, SHORT = 0.1, BEHIND = 1e-3;
+static const double MISSED = 4e-10, EPSILON = 1e-15, SHORT = 0.02, STUCK = 1e-6, BEHIND = 1e-3;
 
-/* Exact way-points make rows 10^16 times as stiff as others: what is left of a diagonal below this share of
- * it is rounding, and is replaced by another, so that the step stays along the others. */
-static const double ROUNDING = 1e-14, DEPENDENT = 1e-10;
+static const double STIFF = 1e7;
 
-/* A bound of a row: slack and multiplier (0: there is no bound), their steps, 1 / slack, what s z is to
- * change by, and what the slack is wrong by. */
+/* Of each row the bound below and the one above. */
+typedef double both[SIDES];
+
+/* Rows in lanes. A bound is side (a'x + beside'w) + edge >= 0; one that is none has side = 0, edge = 1,
+ * slack 1, multiplier 0, and stays so. */
 typedef struct {
-    double s, z, ds, dz, over, c, r;
-} bound;
+    coefficients a;
+    both side, edge;
+    both s, z, ds, dz;                 /* slack, multiplier, their steps */
+    both per_s, per_z;                 /* 1 / s, 1 / z; 0 and 1 */
+    both c, r;                         /* what s z is to change by; what the slack is wrong by */
+    double size[LANES];                /* of the row's coefficients */
+    double stiff[LANES], place[LANES]; /* STIFF and where the row is to be met, or 0 and 0 */
+    double y[LANES], dy[LANES], off[LANES]; /* its multiplier, the step, by how much it is missed */
+} chunk;
 
 typedef struct {
     const sj_arrow *p;
-    int64_t n;
-    double *L; /* (n, band + 1): column j from its diagonal down */
-    double *M; /* (n, B) */
-    double C[B][B];
-    double *size;      /* (n): of the diagonal before it is eliminated */
-    double *dx, *grad; /* (n + B) */
-    bound *of;         /* (rows, 2): low, high */
-    double step;       /* the last one's length */
+    int64_t n, chunks;
+    double *H;                /* (n, band + 1): of the objective, column j from its diagonal down */
+    sj_bordered matrix;       /* of a step */
+    double *dx, *grad, *flat; /* (n + B); flat: gradient of the objective at 0 */
+    chunk *of;
+    both *beside;      /* (chunks, border) */
+    double step, last; /* lengths of this one and the one before */
     double longest; /* the step that leaves slacks and multipliers positive, up to 1 / BOUNDARY */
     double least;   /* what a product s z is raised to */
     double first, second; /* of the sum of s z along the step */
@@ -55,277 +64,357 @@ typedef struct {
 
 static const double SIGN[2] = {1.0, -1.0};
 
-enum { PER_BOUND = (int)(sizeof(bound) / sizeof(double)) };
+static int64_t chunks_of(int64_t rows) { return (rows + LANES - 1) / LANES; }
 
-int64_t sj_arrow_spare(int64_t unknowns, int32_t band, int64_t rows)
+int64_t sj_arrow_spare(int64_t unknowns, int32_t band, int32_t bounded)
 {
-    return unknowns * (band + 2 + B) + 2 * (unknowns + B) + 2 * PER_BOUND * rows;
+    return unknowns * (2 * (band + 1) + B + 1) + 3 * (unknowns + B) +
+           (int64_t)((sizeof(chunk) + B * sizeof(both)) / sizeof(double)) * chunks_of(bounded);
 }
 
-static double limit(const sj_arrow *p, int64_t r, int k) { return k == 0 ? p->low[r] : p->high[r]; }
-
-static const double *border(const sj_arrow *p, int64_t r, int k)
+static double largest(const double *x, int64_t n)
 {
-    return (k == 0 ? p->beside_low : p->beside_high) + r * B;
+    double most = 0.0;
+    for (int64_t i = 0; i < n; i++)
+        if (!(fabs(x[i]) <= most)) /* keeps a NaN */
+            most = fabs(x[i]);
+    return most;
 }
 
-static double product(const sj_arrow *p, int64_t r, const double *x)
+static double sum_of(const both x)
 {
-    const int32_t *at = p->at + r * W;
-    const double *value = p->value + r * W;
-    return value[0] * x[at[0]] + value[1] * x[at[1]] + value[2] * x[at[2]] + value[3] * x[at[3]] +
-           value[4] * x[at[4]];
+    double four[4] = {0.0, 0.0, 0.0, 0.0};
+    for (int k = 0; k < SIDES; k++)
+        four[k % 4] += x[k];
+    return (four[0] + four[2]) + (four[1] + four[3]);
 }
 
-static double size(const sj_arrow *p, int64_t r)
+static double most_of(const both x)
 {
-    const double *value = p->value + r * W;
-    return fabs(value[0]) + fabs(value[1]) + fabs(value[2]) + fabs(value[3]) + fabs(value[4]);
+    double most = x[0];
+    for (int k = 1; k < SIDES; k++)
+        if (!(x[k] <= most))
+            most = x[k];
+    return most;
 }
 
-static void gather(const sj_arrow *p, int64_t r, double share, double *out)
+/* ---- rows ------------------------------------------------------------------------------------ */
+
+/* Whether a row is to be met, whatever w. */
+static int is_met(const work *w, int64_t i, int l)
 {
-    const int32_t *at = p->at + r * W;
-    const double *value = p->value + r * W;
-    for (int i = 0; i < W; i++)
-        out[at[i]] += share * value[i];
+    int met = w->p->low[i * LANES + l] == w->p->high[i * LANES + l];
+    for (int b = 0; b < w->p->border; b++) {
+        both *beside = w->beside + i * w->p->border + b;
+        met = met && (*beside)[l] == 0.0 && (*beside)[LANES + l] == 0.0;
+    }
+    return met;
+}
+
+/* What each side has of a row's product and of the border. */
+static inline void at_sides(const work *w, int64_t i, const double y[LANES], const double *tail,
+                            both out)
+{
+    const chunk *o = w->of + i;
+    for (int k = 0; k < SIDES; k++)
+        out[k] = y[k % LANES];
+    for (int b = 0; b < w->p->border; b++) {
+        both *beside = w->beside + i * w->p->border + b;
+        for (int k = 0; k < SIDES; k++)
+            out[k] += (*beside)[k] * tail[b];
+    }
+    for (int k = 0; k < SIDES; k++)
+        out[k] *= o->side[k];
+}
+
+/* tail += what the border has of each side's share. */
+static inline void to_border(const work *w, int64_t i, const both share, double *tail)
+{
+    const chunk *o = w->of + i;
+    for (int b = 0; b < w->p->border; b++) {
+        both *beside = w->beside + i * w->p->border + b;
+        both sum;
+        for (int k = 0; k < SIDES; k++)
+            sum[k] = o->side[k] * share[k] * (*beside)[k];
+        tail[b] += sum_of(sum);
+    }
 }
 
 /* ---- the matrix of a step -------------------------------------------------------------------- */
 
-static void assemble(work *w, int64_t r)
+/* Bounds' share of the border: q = z / s of the sides. */
+static inline void add_border(work *w, int64_t i, const both q)
 {
-    const sj_arrow *p = w->p;
-    int64_t stride = p->band + 1;
-    const int32_t *at = p->at + r * W;
-    const double *value = p->value + r * W;
-    double o = p->weight[r], m0 = 0.0, m1 = 0.0;
-    for (int k = 0; k < 2; k++) {
-        const double *b = border(p, r, k);
-        double q = w->of[2 * r + k].z * w->of[2 * r + k].over;
-        o += q;
-        m0 += q * b[0];
-        m1 += q * b[1];
-        w->C[0][0] += q * b[0] * b[0];
-        w->C[1][0] += q * b[1] * b[0];
-        w->C[1][1] += q * b[1] * b[1];
-    }
-    for (int i = 0; i < W; i++) {
-        double s = o * value[i], *column = w->L + at[i] * stride - at[i];
-        if (value[i] == 0.0)
-            continue;
-        for (int k = i; k < W; k++)
-            column[at[k]] += s * value[k];
-        w->M[at[i] * B] += m0 * value[i];
-        w->M[at[i] * B + 1] += m1 * value[i];
-    }
-}
-
-static void factorise(work *w)
-{
-    int64_t band = w->p->band, stride = band + 1;
-    for (int64_t j = 0; j < w->n; j++)
-        w->size[j] = w->L[j * stride];
-    for (int64_t j = 0; j < w->n; j++) {
-        double *column = w->L + j * stride, *m = w->M + j * B;
-        double diagonal = column[0] + HOLD, over;
-        int64_t depth = w->n - 1 - j < band ? w->n - 1 - j : band;
-        if (!(diagonal > ROUNDING * w->size[j]))
-            diagonal = DEPENDENT * w->size[j] + HOLD;
-        column[0] = sqrt(diagonal);
-        over = 1.0 / column[0];
-        for (int64_t i = 1; i <= depth; i++)
-            column[i] *= over;
-        m[0] *= over;
-        m[1] *= over;
-        for (int64_t i = 1; i <= depth; i++) {
-            double s = column[i], *to = column + i * stride;
-            const double *from = column + i;
-            if (s == 0.0)
-                continue;
-            for (int64_t k = 0; k <= depth - i; k++)
-                to[k] -= s * from[k];
-            m[i * B] -= s * m[0];
-            m[i * B + 1] -= s * m[1];
+    const chunk *o = w->of + i;
+    int32_t border = w->p->border;
+    both *own = w->beside + i * border, share, corner;
+    for (int b = 0; b < border; b++) {
+        for (int k = 0; k < SIDES; k++)
+            share[k] = q[k] * own[b][k];
+        for (int a = 0; a <= b; a++) {
+            for (int k = 0; k < SIDES; k++)
+                corner[k] = share[k] * own[a][k];
+            w->matrix.corner[b][a] += sum_of(corner);
         }
-        w->C[0][0] -= m[0] * m[0];
-        w->C[1][0] -= m[1] * m[0];
-        w->C[1][1] -= m[1] * m[1];
-    }
-    w->C[0][0] = sqrt(fmax(w->C[0][0], 0.0) + HOLD);
-    w->C[1][0] /= w->C[0][0];
-    w->C[1][1] = sqrt(fmax(w->C[1][1] - w->C[1][0] * w->C[1][0], 0.0) + HOLD);
-}
-
-static void solve(const work *w, double *x)
-{
-    int64_t band = w->p->band, stride = band + 1, n = w->n;
-    double *tail = x + n;
-    for (int64_t j = 0; j < n; j++) {
-        const double *column = w->L + j * stride, *m = w->M + j * B;
-        int64_t depth = n - 1 - j < band ? n - 1 - j : band;
-        double s = x[j] /= column[0];
-        for (int64_t i = 1; i <= depth; i++)
-            x[j + i] -= s * column[i];
-        tail[0] -= s * m[0];
-        tail[1] -= s * m[1];
-    }
-    tail[0] /= w->C[0][0];
-    tail[1] = (tail[1] - w->C[1][0] * tail[0]) / w->C[1][1];
-    tail[1] /= w->C[1][1];
-    tail[0] = (tail[0] - w->C[1][0] * tail[1]) / w->C[0][0];
-    for (int64_t j = n - 1; j >= 0; j--) {
-        const double *column = w->L + j * stride, *m = w->M + j * B;
-        int64_t depth = n - 1 - j < band ? n - 1 - j : band;
-        double s = x[j] - m[0] * tail[0] - m[1] * tail[1];
-        for (int64_t i = 1; i <= depth; i++)
-            s -= column[i] * x[j + i];
-        x[j] = s / column[0];
+        for (int32_t e = 0; e < o->a.width; e++)
+            for (int l = 0; l < LANES; l++)
+                w->matrix.beside[o->a.at[e][l] * B + b] +=
+                    (share[l] + share[LANES + l]) * o->a.value[e][l];
     }
 }
 
 /* ---- slacks and multipliers ------------------------------------------------------------------ */
 
-/* Slacks and multipliers to begin with; how many bounds there are. */
+/* The weights of rows, in the objective. */
+static void add_weights(work *w, int32_t r, const coefficients *o)
+{
+    const sj_arrow *p = w->p;
+    double weight[LANES] = {0.0}, pull[LANES] = {0.0};
+    int any = 0;
+    for (int32_t l = 0; l < LANES && r + l < p->rows; l++) {
+        weight[l] = p->weight[r + l];
+        pull[l] = -p->weight[r + l] * p->target[r + l];
+        any = any || weight[l] != 0.0;
+    }
+    if (!any)
+        return;
+    add_squares(o, weight, p->band, w->H);
+    scatter(o, pull, w->flat);
+}
+
+/* The bounds of a chunk, slacks and multipliers to begin with; how many bounds there are. */
+static double begin_chunk(work *w, int64_t i)
+{
+    const sj_arrow *p = w->p;
+    chunk *o = w->of + i;
+    double y[LANES], count = 0.0;
+    both at;
+    for (int32_t l = 0; l < LANES; l++) {
+        int64_t r = i * LANES + l;
+        o->edge[l] = o->edge[LANES + l] = o->s[l] = o->s[LANES + l] = 1.0;
+        if (r >= p->bounded)
+            continue;
+        for (int b = 0; b < p->border; b++)
+            for (int k = 0; k < 2; k++)
+                w->beside[i * p->border + b][k * LANES + l] =
+                    p->beside[(2 * b + k) * (int64_t)p->bounded + r];
+        for (int32_t e = 0; e < W; e++)
+            o->size[l] += fabs(o->a.value[e][l]);
+        if (is_met(w, i, l)) {
+            o->stiff[l] = STIFF;
+            o->place[l] = p->low[r];
+            continue;
+        }
+        for (int k = 0; k < 2; k++) {
+            double edge = -SIGN[k] * (k == 0 ? p->low[r] : p->high[r]);
+            if (edge < INFINITY) {
+                o->side[k * LANES + l] = SIGN[k];
+                o->edge[k * LANES + l] = edge;
+                count += 1.0;
+            }
+        }
+    }
+    products(&o->a, p->x, y);
+    at_sides(w, i, y, p->x + w->n, at);
+    for (int k = 0; k < SIDES; k++)
+        if (o->side[k] != 0.0) {
+            o->s[k] = fmax(at[k] + o->edge[k], p->room);
+            o->z[k] = p->begin / o->s[k];
+        }
+    return count;
+}
+
+/* Objective and bounds; how many of these there are. */
 static double begin(work *w)
 {
     const sj_arrow *p = w->p;
-    const double *tail = p->x + w->n;
     double count = 0.0;
-    for (int64_t r = 0; r < p->rows; r++) {
-        double y = product(p, r, p->x);
-        for (int k = 0; k < 2; k++) {
-            bound *o = w->of + 2 * r + k;
-            const double *b = border(p, r, k);
-            double most = limit(p, r, k);
-            int there = most * SIGN[k] > -INFINITY;
-            memset(o, 0, sizeof *o);
-            o->s = there ? fmax(SIGN[k] * (y + b[0] * tail[0] + b[1] * tail[1] - most), 1.0) : 1.0;
-            o->z = there ? p->begin / o->s : 0.0;
-            count += there;
-        }
+    coefficients other;
+    memset(w->H, 0, (size_t)(w->n * (p->band + 1)) * sizeof(double));
+    memset(w->of, 0, (size_t)w->chunks * sizeof(chunk));
+    memset(w->beside, 0, (size_t)(w->chunks * p->border) * sizeof(both));
+    memcpy(w->flat, p->gradient, (size_t)(w->n + p->border) * sizeof(double));
+    for (int64_t i = 0; i < chunks_of(p->rows); i++) {
+        coefficients *o = i < w->chunks ? &w->of[i].a : &other;
+        load(p, (int32_t)(i * LANES), o);
+        add_weights(w, (int32_t)(i * LANES), o);
+        if (i < w->chunks)
+            count += begin_chunk(w, i);
     }
     return count;
 }
 
-/* A step's end: slacks and multipliers, what they are wrong by, the gradient of the Lagrangian, the matrix
- * and the right side (dx) for products s z of 0. The sum of s z. */
-static double look(work *w, double step, double *wrong)
+typedef struct {
+    both gap, wrong, outside;
+} seen;
+
+/* Products s z that are too small are raised. */
+static void raise_products(chunk *o, double least)
 {
-    const sj_arrow *p = w->p;
-    const double *x = p->x + w->n;
-    double sum = 0.0, *tail = w->grad + w->n, *side = w->dx + w->n;
-    memcpy(w->grad, p->gradient, (size_t)(w->n + B) * sizeof(double));
-    memset(w->dx, 0, (size_t)(w->n + B) * sizeof(double));
-    memset(w->L, 0, (size_t)(w->n * (p->band + 1)) * sizeof(double));
-    memset(w->M, 0, (size_t)(w->n * B) * sizeof(double));
-    memset(w->C, 0, sizeof w->C);
-    *wrong = 0.0;
-    for (int64_t r = 0; r < p->rows; r++) {
-        double y = product(p, r, p->x), share = p->weight[r] * (y - p->target[r]), right = 0.0;
-        for (int k = 0; k < 2; k++) {
-            bound *o = w->of + 2 * r + k;
-            const double *b = border(p, r, k);
-            double z, q;
-            if (o->z == 0.0)
-                continue;
-            o->s += step * o->ds;
-            o->z += step * o->dz;
-            if (o->s * o->z < w->least) {
-                if (o->s < o->z)
-                    o->s = w->least / o->z;
-                else
-                    o->z = w->least / o->s;
-            }
-            o->over = 1.0 / o->s;
-            o->r = SIGN[k] * (y + b[0] * x[0] + b[1] * x[1] - limit(p, r, k)) - o->s;
-            if (!(fabs(o->r) <= *wrong))
-                *wrong = fmax(*wrong, fabs(o->r) - EPSILON * (size(p, r) + fabs(limit(p, r, k))));
-            sum += o->s * o->z;
-            z = SIGN[k] * o->z;
-            q = -z * (1.0 + o->r * o->over);
-            share -= z;
-            right += q;
-            tail[0] -= z * b[0];
-            tail[1] -= z * b[1];
-            side[0] += q * b[0];
-            side[1] += q * b[1];
-        }
-        if (share != 0.0)
-            gather(p, r, share, w->grad);
-        if (right != 0.0)
-            gather(p, r, right, w->dx);
-        assemble(w, r);
+    for (int k = 0; k < SIDES; k++) {
+        double *s = &o->s[k], *z = &o->z[k];
+        if (o->side[k] == 0.0 || *s * *z >= least)
+            continue;
+        if (*s < *z)
+            *s = least / *z;
+        else
+            *z = least / *s;
     }
-    return sum;
 }
 
-/* What slacks and multipliers do along dx, where products change by c. */
-static void follow(work *w, int corrected)
+/* A step's end: slacks and multipliers, what they are wrong by; the rows' share of the gradient of the
+ * Lagrangian, of the matrix, and of the right side (dx) for products s z of 0. */
+static void look_chunk(work *w, int64_t i, double step, seen *all)
 {
     const sj_arrow *p = w->p;
-    const double *tail = w->dx + w->n;
-    double most = 1.0 / BOUNDARY;
-    w->first = w->second = 0.0;
-    for (int64_t r = 0; r < p->rows; r++) {
-        double dy = product(p, r, w->dx);
-        for (int k = 0; k < 2; k++) {
-            bound *o = w->of + 2 * r + k;
-            const double *b = border(p, r, k);
-            if (o->z == 0.0)
-                continue;
-            if (!corrected)
-                o->c = -o->s * o->z;
-            o->ds = SIGN[k] * (dy + b[0] * tail[0] + b[1] * tail[1]) + o->r;
-            o->dz = (o->c - o->z * o->ds) * o->over;
-            if (o->ds * most < -o->s)
-                most = -o->s / o->ds;
-            if (o->dz * most < -o->z)
-                most = -o->z / o->dz;
-            w->first += o->s * o->dz + o->z * o->ds;
-            w->second += o->ds * o->dz;
-        }
+    chunk *restrict o = w->of + i;
+    double y[LANES], net[LANES], right[LANES], weight[LANES], least = w->least;
+    both at, q, back, low;
+    seen found = *all;
+    products(&o->a, p->x, y);
+    at_sides(w, i, y, p->x + w->n, at);
+    for (int k = 0; k < SIDES; k++) {
+        o->s[k] += step * o->ds[k];
+        o->z[k] += step * o->dz[k];
     }
-    w->longest = most;
+    for (int k = 0; k < SIDES; k++)
+        low[k] = least * o->side[k] * o->side[k] - o->s[k] * o->z[k];
+    if (most_of(low) > 0.0)
+        raise_products(o, least);
+    for (int k = 0; k < SIDES; k++) {
+        double distance = at[k] + o->edge[k], r = distance - o->s[k], wrong;
+        double there = o->side[k] * o->side[k], s = o->s[k], z = o->z[k];
+        double over = 1.0 / (s * z + (1.0 - there));
+        o->per_s[k] = z * over;
+        o->per_z[k] = s * over;
+        o->r[k] = r;
+        q[k] = z * z * over;
+        back[k] = -z - q[k] * r;
+        wrong = fabs(r) - EPSILON * (o->size[k % LANES] + fabs(o->edge[k]));
+        found.gap[k] += s * z;
+        found.wrong[k] = found.wrong[k] < wrong ? wrong : found.wrong[k];
+        found.outside[k] = found.outside[k] < -distance ? -distance : found.outside[k];
+    }
+    for (int l = 0; l < LANES; l++) {
+        double off = o->stiff[l] > 0.0 ? y[l] - o->place[l] : 0.0;
+        o->off[l] = off;
+        o->y[l] += step * o->dy[l];
+        found.wrong[l] = found.wrong[l] < fabs(off) ? fabs(off) : found.wrong[l];
+        found.outside[l] = found.outside[l] < fabs(off) ? fabs(off) : found.outside[l];
+        net[l] = o->z[LANES + l] - o->z[l] - o->y[l];
+        weight[l] = o->stiff[l] + q[l] + q[LANES + l];
+        right[l] = back[l] - back[LANES + l] - o->stiff[l] * off;
+    }
+    *all = found;
+    scatter(&o->a, net, w->grad);
+    scatter(&o->a, right, w->dx);
+    add_squares(&o->a, weight, p->band, w->matrix.columns);
+    if (p->border > 0) {
+        both less;
+        for (int k = 0; k < SIDES; k++)
+            less[k] = -o->z[k];
+        to_border(w, i, less, w->grad + w->n);
+        to_border(w, i, back, w->dx + w->n);
+        add_border(w, i, q);
+    }
+}
+
+static void look(work *w, double step, sj_arrow_result *result)
+{
+    const sj_arrow *p = w->p;
+    seen found = {{0.0}, {0.0}, {0.0}};
+    memcpy(w->grad, w->flat, (size_t)(w->n + p->border) * sizeof(double));
+    sj_band_add_product(w->H, w->n, p->band, p->x, w->grad);
+    memset(w->dx, 0, (size_t)(w->n + B) * sizeof(double));
+    memcpy(w->matrix.columns, w->H, (size_t)(w->n * (p->band + 1)) * sizeof(double));
+    memset(w->matrix.beside, 0, (size_t)(w->n * B) * sizeof(double));
+    memset(w->matrix.corner, 0, sizeof w->matrix.corner);
+    for (int64_t i = 0; i < w->chunks; i++)
+        look_chunk(w, i, step, &found);
+    result->gap = sum_of(found.gap);
+    result->wrong = most_of(found.wrong);
+    result->outside = most_of(found.outside);
+    result->steep = largest(w->grad, w->n + p->border);
+}
+
+typedef struct {
+    both most, first, second;
+} along;
+
+/* What slacks and multipliers do along dx, where products change by c. */
+static void follow_chunk(work *w, int64_t i, int corrected, along *all)
+{
+    chunk *restrict o = w->of + i;
+    along found = *all;
+    double y[LANES];
+    both move;
+    products(&o->a, w->dx, y);
+    at_sides(w, i, y, w->dx + w->n, move);
+    if (!corrected)
+        for (int k = 0; k < SIDES; k++)
+            o->c[k] = -o->s[k] * o->z[k];
+    for (int k = 0; k < SIDES; k++) {
+        double s = o->s[k], z = o->z[k], ds = move[k] + o->r[k];
+        double dz = (o->c[k] - z * ds) * o->per_s[k];
+        double one = -ds * o->per_s[k], two = -dz * o->per_z[k];
+        o->ds[k] = ds;
+        o->dz[k] = dz;
+        one = one < two ? two : one;
+        found.most[k] = found.most[k] < one ? one : found.most[k];
+        found.first[k] += s * dz + z * ds;
+        found.second[k] += ds * dz;
+    }
+    for (int l = 0; l < LANES; l++)
+        o->dy[l] = -o->stiff[l] * (o->off[l] + y[l]);
+    *all = found;
+}
+
+static void follow(work *w, int corrected)
+{
+    along found = {{0.0}, {0.0}, {0.0}};
+    for (int64_t i = 0; i < w->chunks; i++)
+        follow_chunk(w, i, corrected, &found);
+    w->longest = 1.0 / fmax(most_of(found.most), BOUNDARY);
+    w->first = sum_of(found.first);
+    w->second = sum_of(found.second);
 }
 
 /* The right side (dx) where products s z are to come to `middle`; with the second order of the step before. */
+static void correct_chunk(work *w, int64_t i, double middle, double second)
+{
+    chunk *restrict o = w->of + i;
+    double right[LANES];
+    both q;
+    for (int k = 0; k < SIDES; k++) {
+        double c = middle - o->s[k] * o->z[k] - second * o->ds[k] * o->dz[k];
+        o->c[k] = c;
+        q[k] = (c - o->z[k] * o->r[k]) * o->per_s[k];
+    }
+    for (int l = 0; l < LANES; l++)
+        right[l] = q[l] - q[LANES + l] - o->stiff[l] * o->off[l];
+    scatter(&o->a, right, w->dx);
+    to_border(w, i, q, w->dx + w->n);
+}
+
 static void correct(work *w, double middle, double second)
 {
-    const sj_arrow *p = w->p;
-    double *tail = w->dx + w->n;
     memset(w->dx, 0, (size_t)(w->n + B) * sizeof(double));
-    for (int64_t r = 0; r < p->rows; r++) {
-        double share = 0.0;
-        for (int k = 0; k < 2; k++) {
-            bound *o = w->of + 2 * r + k;
-            const double *b = border(p, r, k);
-            double q;
-            if (o->z == 0.0)
-                continue;
-            o->c = middle - o->s * o->z - second * o->ds * o->dz;
-            q = SIGN[k] * (o->c - o->z * o->r) * o->over;
-            share += q;
-            tail[0] += q * b[0];
-            tail[1] += q * b[1];
-        }
-        if (share != 0.0)
-            gather(p, r, share, w->dx);
-    }
+    for (int64_t i = 0; i < w->chunks; i++)
+        correct_chunk(w, i, middle, second);
 }
 
 static void direction(work *w, int corrected)
 {
-    for (int64_t i = 0; i < w->n + B; i++)
+    for (int64_t i = 0; i < w->n + w->p->border; i++)
         w->dx[i] -= w->grad[i];
-    solve(w, w->dx);
+    sj_bordered_solve(&w->matrix, w->dx);
     follow(w, corrected);
 }
 
 /* Predictor, corrector, and the step of x; the gap is `sum` over `bounds` products. */
 static void advance(work *w, double sum, double bounds)
 {
-    factorise(w);
+    sj_bordered_factorise(&w->matrix);
     direction(w, 0);
     if (bounds > 0.0) {
         double step = fmin(1.0, w->longest);
@@ -334,37 +423,45 @@ static void advance(work *w, double sum, double bounds)
         correct(w, (near ? sigma * sigma * sigma : 1.0) * sum / bounds, near ? 1.0 : 0.0);
         direction(w, 1);
     }
+    w->last = w->step;
     w->step = fmin(1.0, BOUNDARY * w->longest);
     if (bounds > 0.0)
         w->least = BEHIND * (sum + w->step * (w->first + w->step * w->second)) / bounds;
-    for (int64_t i = 0; i < w->n + B; i++)
+    for (int64_t i = 0; i < w->n + w->p->border; i++)
         w->p->x[i] += w->step * w->dx[i];
 }
 
-int32_t sj_arrow_solve(const sj_arrow *p)
+void sj_arrow_solve(const sj_arrow *p, sj_arrow_result *result)
 {
-    work w = {.p = p, .n = p->unknowns, .step = 1.0};
+    work w = {.p = p, .n = p->unknowns, .chunks = chunks_of(p->bounded), .step = 1.0, .last = 1.0};
     double bounds, *next = p->spare, step = 0.0;
-    w.L = next, next += w.n * (p->band + 1);
-    w.M = next, next += w.n * B;
-    w.size = next, next += w.n;
+    double size = fmax(1.0, largest(p->gradient, w.n + p->border));
+    w.H = next, next += w.n * (p->band + 1);
+    w.matrix = (sj_bordered){.n = w.n, .band = p->band, .border = p->border};
+    w.matrix.columns = next, next += w.n * (p->band + 1);
+    w.matrix.beside = next, next += w.n * B;
+    w.matrix.size = next, next += w.n;
     w.dx = next, next += w.n + B;
     w.grad = next, next += w.n + B;
-    w.of = (bound *)(void *)next;
+    w.flat = next, next += w.n + B;
+    w.of = (chunk *)(void *)next;
+    w.beside = (both *)(void *)(w.of + w.chunks);
     bounds = begin(&w);
-    for (int32_t round = 0;; round++, step = w.step) {
-        double wrong, sum = look(&w, step, &wrong), steep = 0.0, size = 1.0;
-        for (int64_t i = 0; i < w.n + B; i++) {
-            steep = fmax(steep, fabs(w.grad[i]));
-            size = fmax(size, fabs(p->gradient[i]));
+    for (result->steps = 0;; result->steps++, step = w.step) {
+        look(&w, step, result);
+        if (!(result->wrong < 1e300) || !(result->gap < 1e300)) {
+            result->status = SJ_ARROW_LOST;
+            return;
         }
-        p->told[0] = round, p->told[1] = wrong, p->told[2] = sum, p->told[3] = steep;
-        if (!(wrong < 1e300) || !(sum < 1e300))
-            return SJ_ARROW_LOST;
-        if (wrong <= MISSED && sum <= p->near && (steep <= 1e-6 * size || sum <= 1e-3 * p->near))
-            return SJ_ARROW_OK;
-        if (round == p->most)
-            return SJ_ARROW_MOST;
-        advance(&w, sum, bounds);
+        if (result->wrong <= MISSED && result->gap <= p->near &&
+            (result->steep <= 1e-6 * size || (bounds > 0.0 && result->gap <= 1e-3 * p->near))) {
+            result->status = SJ_ARROW_OK;
+            return;
+        }
+        if (result->steps == p->most || fmax(w.step, w.last) < STUCK) {
+            result->status = SJ_ARROW_MOST;
+            return;
+        }
+        advance(&w, result->gap, bounds);
     }
 }

@@ -13,7 +13,7 @@
  * s stays behind the time that is due. Limits are not linearised; only the moments are.
  * Never here: goals' times, cycles, memory of its own.
  */
-#include <math.h> /* floor, fmin, fmax */
+#include <math.h> /* floor, fmin, fmax, INFINITY */
 #include <stddef.h>
 #include <stdint.h>
 #include <string.h> /* memset of sums */
@@ -21,9 +21,10 @@
 
 static const double RIDGE = 1e-9; /* weight of the distance to the given plan */
 static const double ROOM = 1e-11, KEPT = 1e-9;
-static const double TAKEN = 2e-10; /* of a row's largest entry, which is at most 3 */
+static const double TAKEN = 6e-10; /* beyond a bound; bounds on differences are 1 at least */
+static const double CLOSER = 8.0;  /* goals are met closer than bounds by so much */
 static const double STILL = 1e-8;  /* a smaller difference has no direction */
-static const double TOLERANCE = 1e-9;
+static const double BEGIN = 0.1, FIRST = 1.0, CLOSE = 1e-9; /* of the solver; CLOSE for each row */
 static const double NEAR = 4.0; /* knots ahead in which a bound on deviations holds */
 static const double bezier[3][3] = {
     {1 / 6.0, 4 / 6.0, 1 / 6.0}, {0, 2 / 3.0, 1 / 3.0}, {0, 1 / 3.0, 2 / 3.0}};
@@ -33,25 +34,32 @@ static const double binomial[4][4] = {{1, 0, 0, 0}, {-1, 1, 0, 0}, {1, -2, 1, 0}
 typedef struct {
     const sj_horizon *h;
     int32_t first, count, block; /* variables of a knot: count, and the progress */
-    int32_t again;               /* 1: the hessian stands, it is that of the joint before */
     double fixed;                /* by how much what is given breaks a bound */
-    sj_qp qp;
-    double *hessian, *gradient, *value, *lower, *upper, *x, *own, *work;
-    int32_t *start, *column;
+    sj_arrow qp;
+    double *value, *low, *high, *weight, *target, *x, *own, *gradient;
+    int32_t *start, *at;
 } problem;
 
-static int64_t rows_of(int32_t joints, int32_t knots)
+enum { WIDTH = 6 }; /* of a row: four control points, two of the progress */
+
+static int64_t bounded_of(int64_t joints, int64_t knots) { return (joints * 9 + 2) * (knots + 2); }
+
+static int64_t rows_of(int64_t joints, int64_t knots, int64_t goals)
 {
-    return ((int64_t)joints * 9 + 2) * (knots + 2);
+    return bounded_of(joints, knots) + 2 * joints * (goals + knots) + knots;
 }
 
-int64_t sj_horizon_doubles(int32_t joints, int32_t knots)
+int64_t sj_horizon_doubles(int32_t joints, int32_t knots, int32_t goals)
 {
-    int64_t n = (int64_t)(joints + 1) * knots, m = rows_of(joints, knots), band = 4 * (joints + 1);
-    return n * (band + 1) + 3 * n + 8 * m + sj_qp_doubles((int32_t)n, (int32_t)m, (int32_t)band);
+    int64_t n = (int64_t)(joints + 1) * knots, m = rows_of(joints, knots, goals);
+    return 3 * n + (WIDTH + 4) * m +
+           sj_arrow_spare(n, 4 * (joints + 1), (int32_t)bounded_of(joints, knots));
 }
 
-int64_t sj_horizon_ints(int32_t joints, int32_t knots) { return 7 * rows_of(joints, knots) + 1; }
+int64_t sj_horizon_ints(int32_t joints, int32_t knots, int32_t goals)
+{
+    return (WIDTH + 1) * rows_of(joints, knots, goals) + 1;
+}
 
 /* Variable of control point i = 0 .. knots + 4 of a joint, the first three and `ends` given: -1. */
 static int32_t variable_of(const problem *p, int32_t joint, int32_t i)
@@ -94,32 +102,15 @@ static int32_t segment_of(const sj_horizon *h, double moment, double *x)
     return (int32_t)whole;
 }
 
-/* weight (sum of coefficient c + rest)^2 into the objective; equal variables may come twice. */
-static void add_square(problem *p, const int32_t *variable, const double *coefficient,
-                       int32_t count, double rest, double weight)
-{
-    int32_t wide = p->qp.band + 1;
-    for (int32_t a = 0; a < count; a++) {
-        int32_t i = variable[a];
-        if (i < 0)
-            continue;
-        p->gradient[i] += weight * coefficient[a] * rest;
-        for (int32_t b = 0; b < count && !p->again; b++)
-            if (variable[b] >= 0 && variable[b] <= i)
-                p->hessian[(int64_t)i * wide + p->qp.band + variable[b] - i] +=
-                    weight * coefficient[a] * coefficient[b];
-    }
-}
-
-/* A row of the constraints: lower <= sum of coefficient x + rest <= upper. What the plan does is
- * allowed, so that it stays an answer. A variable < 0 is none. */
-static void add_bound(problem *p, int32_t *variable, double *coefficient, int32_t count,
-                      double rest, double lower, double upper)
+/* A row: lower <= sum of coefficient x + rest <= upper, and a weight of its square. What the plan does
+ * is allowed, so that it stays an answer. A variable < 0 is none; equal ones may come twice. */
+static void add(problem *p, int32_t *variable, double *coefficient, int32_t count, double rest,
+                double lower, double upper, double weight)
 {
     const sj_horizon *h = p->h;
     int32_t row = p->qp.rows, begin = p->start[row], entries = begin;
     double now = 0.0;
-    for (int32_t a = 1; a < count; a++) /* columns ascend */
+    for (int32_t a = 1; a < count; a++) /* places ascend */
         for (int32_t b = a; b > 0 && variable[b - 1] > variable[b]; b--) {
             int32_t v = variable[b];
             double c = coefficient[b];
@@ -133,10 +124,10 @@ static void add_bound(problem *p, int32_t *variable, double *coefficient, int32_
         if (v < 0 || coefficient[a] == 0.0) /* a row of nothing has no interior */
             continue;
         now += coefficient[a] * p->x[v];
-        if (entries > begin && p->column[entries - 1] == v)
+        if (entries > begin && p->at[entries - 1] == v)
             p->value[entries - 1] += coefficient[a];
         else {
-            p->column[entries] = v;
+            p->at[entries] = v;
             p->value[entries++] = coefficient[a];
         }
     }
@@ -145,18 +136,16 @@ static void add_bound(problem *p, int32_t *variable, double *coefficient, int32_
             p->fixed = fmax(p->fixed, fmax(rest - upper, lower - rest));
         return;
     }
-    p->lower[row] = lower - rest;
-    p->upper[row] = upper - rest;
-    if (!h->fresh) {
-        p->lower[row] = fmin(p->lower[row], now);
-        p->upper[row] = fmax(p->upper[row], now);
-    }
+    p->low[row] = h->fresh ? lower - rest : fmin(lower - rest, now);
+    p->high[row] = h->fresh ? upper - rest : fmax(upper - rest, now);
+    p->weight[row] = weight;
+    p->target[row] = -rest;
     p->start[++p->qp.rows] = entries;
 }
 
 /* The same over control points i .. i + count - 1 of a joint. */
 static void add_row(problem *p, int32_t joint, int32_t i, const double *coefficient, int32_t count,
-                    double lower, double upper)
+                    double lower, double upper, double weight)
 {
     int32_t variable[4];
     double own[4], rest = 0.0;
@@ -165,7 +154,7 @@ static void add_row(problem *p, int32_t joint, int32_t i, const double *coeffici
         if ((variable[a] = variable_of(p, joint, i + a)) < 0)
             rest += own[a] * given(p->h, joint, i + a);
     }
-    add_bound(p, variable, own, count, rest, lower, upper);
+    add(p, variable, own, count, rest, lower, upper, weight);
 }
 
 /* Whether all first differences have one sign and neither given control points nor the plan's are
@@ -204,20 +193,21 @@ static void add_limits(problem *p, int32_t joint)
             sign * own < -STILL) /* the plan goes the other way there: that way, or not */
             sign = -sign;
         add_row(p, joint, k + 2, binomial[1], 2, sign > 0 ? 0.0 : -limit[0],
-                sign < 0 ? 0.0 : limit[0]);
+                sign < 0 ? 0.0 : limit[0], 0.0);
     }
     for (int32_t k = 0; k <= h->knots; k++)
-        add_row(p, joint, k + 1, binomial[2], 3, -limit[2], limit[1]);
+        add_row(p, joint, k + 1, binomial[2], 3, -limit[2], limit[1], 0.0);
     for (int32_t k = 0; k <= h->knots + 1; k++)
-        add_row(p, joint, k, binomial[3], 4, -limit[3], limit[3]);
-    add_row(p, joint, h->knots + 2, binomial[0], 1, h->rest[2 * joint], h->rest[2 * joint + 1]);
+        add_row(p, joint, k, binomial[3], 4, -limit[3], limit[3], h->smooth);
+    add_row(p, joint, h->knots + 2, binomial[0], 1, h->rest[2 * joint], h->rest[2 * joint + 1],
+            0.0);
     if (is_monotone(h, joint))
         for (int32_t k = 0; k < h->knots; k++)
-            add_row(p, joint, k + 3, binomial[0], 1, range[0], range[1]);
+            add_row(p, joint, k + 3, binomial[0], 1, range[0], range[1], 0.0);
     else /* Bezier points of each segment */
         for (int32_t k = 1; k <= h->knots + 1; k++)
             for (int32_t i = 0; i < 3; i++)
-                add_row(p, joint, k, bezier[i], 3, range[0], range[1]);
+                add_row(p, joint, k, bezier[i], 3, range[0], range[1], 0.0);
 }
 
 /* Goals that are to be met exactly, where they are not denser than knots. */
@@ -229,15 +219,17 @@ static void add_exact(problem *p, int32_t joint)
         return;
     for (int32_t g = 0; g < h->exact; g++) {
         int32_t k = segment_of(h, h->moment[g], &x);
-        double goal = h->goal[g * h->joints + joint];
+        double goal = CLOSER * h->goal[g * h->joints + joint];
         basis_of(x, h->bend, basis);
-        add_row(p, joint, k, basis, 4, goal, goal);
+        for (int32_t a = 0; a < 4; a++)
+            basis[a] *= CLOSER;
+        add_row(p, joint, k, basis, 4, goal, goal, 0.0);
     }
 }
 
 /* A sample less the goal due then: sum of coefficient x + rest, and how many variables. */
-static int32_t off_goal(const problem *p, int32_t joint, int32_t g, int32_t variable[6],
-                        double coefficient[6], double *rest)
+static int32_t off_goal(const problem *p, int32_t joint, int32_t g, int32_t variable[WIDTH],
+                        double coefficient[WIDTH], double *rest)
 {
     const sj_horizon *h = p->h;
     double x, slope = h->slope[g * h->joints + joint];
@@ -257,8 +249,8 @@ static int32_t off_goal(const problem *p, int32_t joint, int32_t g, int32_t vari
 }
 
 /* The velocity less the goal's, which is as slow as the progress is. */
-static int32_t off_speed(const problem *p, int32_t joint, int32_t g, int32_t variable[6],
-                         double coefficient[6], double *rest)
+static int32_t off_speed(const problem *p, int32_t joint, int32_t g, int32_t variable[WIDTH],
+                         double coefficient[WIDTH], double *rest)
 {
     const sj_horizon *h = p->h;
     double x, speed = h->speed[g * h->joints + joint], pace = 1.0;
@@ -280,32 +272,26 @@ static int32_t off_speed(const problem *p, int32_t joint, int32_t g, int32_t var
     return count;
 }
 
-static void add_joint(problem *p, int32_t joint)
+/* What is to be small: distances from goals, from their velocities, and from where the plan is to rest. */
+static void add_wishes(problem *p, int32_t joint)
 {
     const sj_horizon *h = p->h;
-    int32_t variable[6];
-    double basis[6];
+    int32_t variable[WIDTH];
+    double basis[WIDTH], rest;
     for (int32_t g = 0; g < h->goals; g++) {
-        double rest;
         int32_t count = off_goal(p, joint, g, variable, basis, &rest);
-        add_square(p, variable, basis, count, rest, h->weight[g]);
+        add(p, variable, basis, count, rest, -INFINITY, INFINITY, h->weight[g]);
         if (!h->speed || !h->speed_weight)
             continue;
         count = off_speed(p, joint, g, variable, basis, &rest);
-        add_square(p, variable, basis, count, rest, h->weight[g] * h->speed_weight);
+        add(p, variable, basis, count, rest, -INFINITY, INFINITY, h->weight[g] * h->speed_weight);
     }
-    for (int32_t k = 0; k < h->knots + 2; k++) {
-        double rest = 0.0;
-        for (int32_t a = 0; a < 4; a++)
-            if ((variable[a] = variable_of(p, joint, k + a)) < 0)
-                rest += binomial[3][a] * given(h, joint, k + a);
-        add_square(p, variable, binomial[3], 4, rest, h->smooth);
-    }
-    for (int32_t k = 0; k < h->knots; k++) {
+    for (int32_t k = 0; k < h->knots - h->ends; k++) {
         double one = 1.0;
         variable[0] = variable_of(p, joint, k + 3);
-        add_square(p, variable, &one, 1, -h->end[joint], h->tail[k]);
-        add_square(p, variable, &one, 1, -h->plan[joint * h->knots + k], RIDGE);
+        if (h->tail[k] != 0.0)
+            add(p, variable, &one, 1, -h->end[joint], -INFINITY, INFINITY, h->tail[k]);
+        add(p, variable, &one, 1, -h->plan[joint * h->knots + k], -INFINITY, INFINITY, RIDGE);
     }
 }
 
@@ -315,13 +301,13 @@ static void add_tolerance(problem *p, int32_t joint)
     const sj_horizon *h = p->h;
     double half = -1.0;
     for (int32_t g = 0; h->tolerance && g < h->goals && h->moment[g] < NEAR; g++) {
-        int32_t variable[6];
-        double coefficient[6], rest, most = h->tolerance[joint];
+        int32_t variable[WIDTH];
+        double coefficient[WIDTH], rest, most = h->tolerance[joint];
         if (floor(2.0 * h->moment[g]) == half)
             continue;
         half = floor(2.0 * h->moment[g]);
         int32_t count = off_goal(p, joint, g, variable, coefficient, &rest);
-        add_bound(p, variable, coefficient, count, rest, -most, most);
+        add(p, variable, coefficient, count, rest, -most, most, 0.0);
     }
 }
 
@@ -330,57 +316,106 @@ static void add_progress(problem *p)
 {
     const sj_horizon *h = p->h;
     for (int32_t k = 0; k < h->knots; k++) {
-        int32_t row = p->qp.rows, at = p->start[row], v = k * p->block + p->count;
-        double one = 1.0, before = k ? h->progress[k - 1] : h->progress_before;
-        add_square(p, &v, &one, 1, h->progress[k] - h->due[k], h->lag);
-        p->column[at] = v;
-        p->value[at] = 1.0;
-        p->lower[row] = -h->trust;
-        p->upper[row] = fmax(fmin(h->due[k] - h->progress[k], h->trust), 0.0);
-        p->start[++row] = ++at;
-        if (k) {
-            p->column[at] = v - p->block;
-            p->value[at++] = -1.0;
-        }
-        p->column[at] = v;
-        p->value[at++] = 1.0;
-        p->lower[row] = fmin(before - h->progress[k], 0.0);
-        p->upper[row] = (double)SJ_QP_FREE;
-        p->start[++row] = at;
-        p->qp.rows = row;
+        int32_t v = k * p->block + p->count, two[2] = {v - p->block, v};
+        double one = 1.0, rise[2] = {-1.0, 1.0}, late = h->progress[k] - h->due[k];
+        double before = k ? h->progress[k - 1] : h->progress_before;
+        add(p, &v, &one, 1, late, late - h->trust, fmax(fmin(0.0, late + h->trust), late), h->lag);
+        add(p, two + !k, rise + !k, 1 + !!k, 0.0, fmin(before - h->progress[k], 0.0), INFINITY,
+            0.0);
     }
+}
+
+/* Weights such that the largest second derivative is 1. */
+static void scale(problem *p, double *diagonal)
+{
+    const sj_arrow *qp = &p->qp;
+    double most = 0.0;
+    memset(diagonal, 0, (size_t)qp->unknowns * sizeof *diagonal);
+    for (int32_t r = 0; r < qp->rows; r++)
+        for (int32_t e = p->start[r]; p->weight[r] != 0.0 && e < p->start[r + 1]; e++)
+            diagonal[p->at[e]] += p->weight[r] * p->value[e] * p->value[e];
+    for (int64_t i = 0; i < qp->unknowns; i++)
+        most = fmax(most, diagonal[i]);
+    for (int32_t r = 0; most > 0.0 && r < qp->rows; r++)
+        p->weight[r] /= most;
 }
 
 static void share_out(problem *p, double *work, int32_t *ints)
 {
-    int64_t n = p->qp.variables, m = rows_of(p->count, p->h->knots);
-    p->hessian = work;
-    p->gradient = p->hessian + n * (p->qp.band + 1);
-    p->x = p->gradient + n;
+    int64_t n = p->qp.unknowns, m = rows_of(p->count, p->h->knots, p->h->goals);
+    p->x = work;
     p->own = p->x + n;
-    p->lower = p->own + n;
-    p->upper = p->lower + m;
-    p->value = p->upper + m;
-    p->work = p->value + 6 * m;
+    p->gradient = p->own + n;
+    p->low = p->gradient + n;
+    p->high = p->low + m;
+    p->weight = p->high + m;
+    p->target = p->weight + m;
+    p->value = p->target + m;
     p->start = ints;
-    p->column = ints + m + 1;
-    if (!p->again)
-        memset(p->hessian, 0, (size_t)(n * (p->qp.band + 1)) * sizeof *work);
+    p->at = ints + m + 1;
     memset(p->gradient, 0, (size_t)n * sizeof *work);
+    p->qp.spare = p->value + WIDTH * m;
+    p->qp.start = p->start;
+    p->qp.at = p->at;
+    p->qp.value = p->value;
+    p->qp.low = p->low;
+    p->qp.high = p->high;
+    p->qp.weight = p->weight;
+    p->qp.target = p->target;
+    p->qp.gradient = p->gradient;
+    p->qp.x = p->x;
+}
+
+static void fill(problem *p)
+{
+    p->start[0] = 0;
+    for (int32_t j = p->first; j < p->first + p->count; j++) {
+        add_limits(p, j);
+        add_exact(p, j);
+        add_tolerance(p, j);
+    }
+    if (p->h->paced)
+        add_progress(p);
+    p->qp.bounded = p->qp.rows;
+    for (int32_t j = p->first; j < p->first + p->count; j++)
+        add_wishes(p, j);
+    scale(p, p->qp.spare);
+}
+
+static double row_times(const problem *p, int32_t r, const double *x)
+{
+    double sum = 0.0;
+    for (int32_t e = p->start[r]; e < p->start[r + 1]; e++)
+        sum += p->value[e] * x[p->at[e]];
+    return sum;
+}
+
+/* The largest share in 0 .. 1 of the way from the plan to the answer on which no row is further beyond a bound
+ * than at the plan. */
+static double toward(const problem *p)
+{
+    double share = 1.0;
+    for (int32_t r = 0; r < p->qp.bounded; r++) {
+        double here = row_times(p, r, p->own), there = row_times(p, r, p->x);
+        double upper = fmax(p->high[r] + ROOM, here), lower = fmin(p->low[r] - ROOM, here);
+        if (there > upper)
+            share = fmin(share, (upper - here) / (there - here));
+        if (there < lower)
+            share = fmin(share, (here - lower) / (here - there));
+    }
+    return share > 0.0 ? share : 0.0;
 }
 
 static void solve(const sj_horizon *h, int32_t first, int32_t count, double *control,
                   double *progress, double *share, double *work, int32_t *ints, int32_t most,
-                  sj_qp_result *result)
+                  sj_arrow_result *result)
 {
     problem p = {.h = h, .first = first, .count = count, .block = count + h->paced};
-    p.again = first > 0;
-    int32_t n = h->knots - h->ends;
-    double part = 1.0;
-    p.qp.variables = h->knots * p.block;
-    p.qp.band = 4 * p.block - 1;
-    if (!h->paced)
-        p.qp.band = 3 * p.block;
+    int32_t last = h->ends ? h->knots - 1 : h->knots;
+    double part;
+    p.qp.unknowns = h->knots * p.block;
+    p.qp.band = h->paced ? 4 * p.block - 1 : 3 * p.block;
+    p.qp.most = most;
     share_out(&p, work, ints);
     for (int32_t k = 0; k < h->knots; k++) {
         for (int32_t j = 0; j < count; j++)
@@ -388,31 +423,16 @@ static void solve(const sj_horizon *h, int32_t first, int32_t count, double *con
         if (h->paced)
             p.x[k * p.block + count] = 0.0;
     }
-    memcpy(p.own, p.x, (size_t)p.qp.variables * sizeof *p.x);
-    p.start[0] = 0;
-    for (int32_t j = first; j < first + count; j++) {
-        add_joint(&p, j);
-        add_limits(&p, j);
-        add_exact(&p, j);
-        add_tolerance(&p, j);
-    }
-    if (h->paced)
-        add_progress(&p);
-    if (h->ends && !p.again) /* not in any row: stays where it is */
-        for (int32_t j = 0; j < count; j++)
-            p.hessian[(int64_t)(n * p.block + j) * (p.qp.band + 1) + p.qp.band] += 1.0;
-    p.qp.hessian = p.hessian;
-    p.qp.gradient = p.gradient;
-    p.qp.start = p.start;
-    p.qp.column = p.column;
-    p.qp.value = p.value;
-    p.qp.lower = p.lower;
-    p.qp.upper = p.upper;
-    sj_qp_solve(&p.qp, p.x, p.work, most, 0.0, TOLERANCE, result);
+    memcpy(p.own, p.x, (size_t)p.qp.unknowns * sizeof *p.x);
+    fill(&p);
+    p.qp.begin = BEGIN;
+    p.qp.room = FIRST;
+    p.qp.near = CLOSE * p.qp.bounded;
+    sj_arrow_solve(&p.qp, result);
     if (h->fresh)
-        part = result->outside <= TAKEN && p.fixed <= 3.0 * TAKEN ? 1.0 : 0.0;
+        part = result->outside <= TAKEN && p.fixed <= TAKEN ? 1.0 : 0.0;
     else
-        part = sj_qp_toward(&p.qp, p.own, p.x, ROOM);
+        part = toward(&p);
     for (int32_t k = 0; k < h->knots; k++) {
         for (int32_t j = 0; j < count; j++) {
             int32_t i = k * p.block + j, to = (first + j) * h->knots + k;
@@ -421,7 +441,7 @@ static void solve(const sj_horizon *h, int32_t first, int32_t count, double *con
             control[to] = part >= 1.0 ? p.x[i] : p.own[i] + part * (p.x[i] - p.own[i]);
             if (is_monotone(h, first + j))
                 control[to] = fmin(fmax(control[to], low), high);
-            if (h->ends && k == n)
+            if (k == last)
                 control[to] = h->end[first + j];
         }
         if (h->paced)
@@ -432,22 +452,14 @@ static void solve(const sj_horizon *h, int32_t first, int32_t count, double *con
 }
 
 void sj_horizon_plan(const sj_horizon *horizon, double *control, double *progress, double *share,
-                     double *work, int32_t *ints, int32_t most, sj_qp_result *result)
+                     double *work, int32_t *ints, int32_t most, sj_arrow_result *result)
 {
-    sj_qp_result all = {0, SJ_QP_SOLVED, 0.0, 0.0, 0.0};
-    if (horizon->paced) {
-        solve(horizon, 0, horizon->joints, control, progress, share, work, ints, most, result);
-        return;
+    int32_t steps = 0, count = horizon->paced ? horizon->joints : 1;
+    for (int32_t j = 0; j < horizon->joints; j += count) {
+        solve(horizon, j, count, control, progress, share, work, ints, most, result);
+        steps = result->steps > steps ? result->steps : steps;
     }
-    for (int32_t j = 0; j < horizon->joints; j++) {
-        solve(horizon, j, 1, control, progress, share, work, ints, most, result);
-        all.iterations = result->iterations > all.iterations ? result->iterations : all.iterations;
-        all.status = result->status > all.status ? result->status : all.status;
-        all.outside = fmax(all.outside, result->outside);
-        all.gap = fmax(all.gap, result->gap);
-        all.slope = fmax(all.slope, result->slope);
-    }
-    *result = all;
+    result->steps = steps;
 }
 
 void sj_horizon_values(const sj_horizon *horizon, const double *control, double *value)

@@ -5,7 +5,7 @@
  * caller's, of about a limit on its third difference. */
 #pragma once
 #include <stdint.h>
-#include "trajectory/_qp.h"
+#include "trajectory/_arrow.h"
 
 typedef struct {
     int32_t joints, knots, goals;
@@ -36,11 +36,11 @@ typedef struct {
     const double *due;       /* (knots,): of a motion without lag */
 } sj_horizon;
 
-int64_t sj_horizon_doubles(int32_t joints, int32_t knots);
-int64_t sj_horizon_ints(int32_t joints, int32_t knots);
+int64_t sj_horizon_doubles(int32_t joints, int32_t knots, int32_t goals);
+int64_t sj_horizon_ints(int32_t joints, int32_t knots, int32_t goals);
 /* control (joints, knots), progress (knots,): the plan found; `share` (joints,): how far from the given
  * one towards the optimum, 1: all of it. Without `paced` each joint by itself. */
 void sj_horizon_plan(const sj_horizon *horizon, double *control, double *progress, double *share,
-                     double *work, int32_t *ints, int32_t most, sj_qp_result *result);
+                     double *work, int32_t *ints, int32_t most, sj_arrow_result *result);
 /* value (goals, joints) of a plan at the moments, as samples. */
 void sj_horizon_values(const sj_horizon *horizon, const double *control, double *value);

@@ -30,7 +30,6 @@ _LAG, _TRUST = 1e-3, 3.0
 #: Control points further from the origin than so many knots at full velocity move it along.
 _FAR = 64.0
 _BOUNDS = 1e8
-_NONE = 2.0 * lib.SJ_QP_FREE
 
 
 class Mode(Enum):
@@ -114,7 +113,7 @@ class Horizon:
             _BOUNDS,
         )
         self._tolerance = None if tolerance is None else tolerance / self._unit
-        self._size = (0, 0)
+        self._size: tuple[int, ...] = (0, 0, 0)
         self.iterations = 0  # most that a solution took
         self.rest(position)
 
@@ -236,7 +235,7 @@ class Horizon:
                 end / self._unit,
                 self._limits,
                 np.clip((aims.range - self.origin[:, None]) / unit, -_BOUNDS, _BOUNDS),
-                np.clip((aims.rest - self.origin[:, None]) / unit, -_NONE, _NONE),
+                (aims.rest - self.origin[:, None]) / unit,
                 aims.moment,
                 aims.weight,
                 (aims.position - self.origin) / self._unit,
@@ -270,9 +269,9 @@ class Horizon:
         c.smooth, c.bend = self._smoothing, 5.0 / 24.0 / self.cycles**2
         fastest = float((self.velocity / self._unit).max())
         c.lag, c.trust, c.progress_before = _LAG * fastest * fastest, _TRUST, progress[0]
-        self._reserve(joints, n)
+        self._reserve(joints, n, goals)
         control, moved, share = np.empty((joints, n)), progress[1:].copy(), np.empty(joints)
-        result = ffi.new("sj_qp_result *")
+        result = ffi.new("sj_arrow_result *")
         lib.sj_horizon_plan(
             c,
             ffi.from_buffer("double[]", control),
@@ -283,7 +282,7 @@ class Horizon:
             self._most if most is None else most,
             result,
         )
-        self.iterations = max(self.iterations, result.iterations)
+        self.iterations = max(self.iterations, result.steps)
         value = np.empty((goals, joints))
         lib.sj_horizon_values(
             c, ffi.from_buffer("double[]", control), ffi.from_buffer("double[]", value)
@@ -294,13 +293,17 @@ class Horizon:
         stays = aims.range[:, 0] == aims.range[:, 1]
         if stays.any():
             control[stays] = plan[stays]
+        # goals are passed where the progress has moved them to
+        more = moved[:n] - progress[1 : n + 1]
+        ahead = np.interp(aims.moment, np.arange(n + 1.0), np.append(0.0, more))
+        off = value * self._unit - (aims.position - self.origin)
         return Plan(
             control,
             np.concatenate([progress[:1], moved]),
             share,
             aims.moment,
-            value * self._unit - (aims.position - self.origin),
-            result.iterations,
+            off - aims.slope * ahead[:, None],
+            result.steps,
         )
 
     def move(self, position: FloatArray) -> FloatArray:
@@ -412,9 +415,9 @@ class Horizon:
         way = (moved - self.origin)[:, None]
         self.origin, self.given, self.plan = moved, self.given - way, self.plan - way
 
-    def _reserve(self, joints: int, knots: int) -> None:
-        if joints > self._size[0] or knots > self._size[1]:
-            self._size = joints, max(knots, 2 * self._size[1])
+    def _reserve(self, *size: int) -> None:
+        if any(asked > had for asked, had in zip(size, self._size, strict=True)):
+            self._size = tuple(max(x, 2 * y) for x, y in zip(size, self._size, strict=True))
             self._work = np.empty(lib.sj_horizon_doubles(*self._size))
             self._ints = np.empty(lib.sj_horizon_ints(*self._size), dtype=np.int32)
 

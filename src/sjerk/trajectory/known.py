@@ -6,7 +6,6 @@ Never here: plans, control points, cycles that were handed out.
 from __future__ import annotations
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
 
 from sjerk.errors import InputError
@@ -197,19 +196,18 @@ class Known:
         """What the goals of so many cycles are off by at least (N,), that no motion explains.
 
         By divided differences, of a motion within V, A / 2 and J / 6: ``limits`` (N, 3) per cycle.
+        Their weights alternate in sign, so that those of 1, -1, 1 are the sums of their magnitudes.
         """
         since = int(np.searchsorted(self.cycle, self.last_cycle - cycles))
-        cycle, position = self.cycle[since:], self.position[since:]
-        found = np.zeros(len(limits))
+        cycle, found = self.cycle[since:], np.zeros(len(limits))
+        rows = np.empty((len(cycle), len(limits) + 1))
+        rows[:, :-1], rows[::2, -1], rows[1::2, -1] = self.position[since:], 1.0, -1.0
         for order, limit in enumerate((limits / [1.0, 2.0, 6.0]).T, start=1):
             if len(cycle) <= order:
                 break
-            at = sliding_window_view(cycle, order + 1)
-            gaps = at[:, :, None] - at[:, None, :] + np.eye(order + 1)
-            share = 1.0 / gaps.prod(axis=2)
-            rows = sliding_window_view(position, order + 1, axis=0)
-            off = np.abs(np.einsum("wn,wjn->wj", share, rows)) - limit
-            found = np.maximum(found, (off / np.abs(share).sum(axis=1)[:, None]).max(axis=0))
+            rows = (rows[1:] - rows[:-1]) / (cycle[order:] - cycle[:-order])[:, None]
+            off = (np.abs(rows[:, :-1]) - limit) / np.abs(rows[:, -1:])
+            found = np.maximum(found, off.max(axis=0))
         return found
 
 

@@ -18,10 +18,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sjerk._binding import ffi, lib
 from sjerk.errors import PlanError
 from sjerk.profile import FloatArray
-from sjerk.trajectory.segments import doubles
+from sjerk.trajectory.quadratic import Rows, minimise
 from sjerk.trajectory.spline import HALF_CYCLE, IntArray, Knots, take
 
 #: Coefficients of a row: four control points and a moment.
@@ -414,15 +413,14 @@ class Programme:
         gradient[-1], x[-1] = _EXCESS, max(before.excess, 0.0)
         if self._paced:
             gradient[-2], x[-2] = 1.0 / pace, pace
-        columns = [
-            np.ascontiguousarray(np.concatenate(part)) for part in zip(*self._parts, strict=True)
-        ]
-        self.told, status = _solve(columns, gradient, x, near, steps)
-        if status == lib.SJ_ARROW_LOST or not np.isfinite(x).all():
+        rows = Rows(*(np.concatenate(part) for part in zip(*self._parts, strict=True)))
+        found = minimise(rows, gradient, x, near=near, steps=steps)
+        if found.lost:
             return None
         missed = 0.8 * (_ROOM if task.box is None else _INSIDE)
-        if status != lib.SJ_ARROW_OK and not self.told[1] < missed:
+        if not (found.solved or found.wrong < missed):
             return None
+        x = found.x
         new = float(x[-2]) if self._paced else pace
         control = np.where(self._free, x[np.maximum(self._place, 0)], self._known)
         control = control * task.scale + self._origin
@@ -436,29 +434,3 @@ class Programme:
         if self._moment is not None:
             moments = moments + x[self._moment[self._own]]
         return Answer(control, moments, new, float(x[-1]))
-
-
-def _solve(
-    columns: list[FloatArray],
-    gradient: FloatArray,
-    x: FloatArray,
-    near: float,
-    steps: int,
-) -> tuple[FloatArray, int]:
-    at, value, below, above, low, high, weight, target = columns
-    rows, count = len(at), len(x) - 2
-    band = int((at[:, -1] - at[:, 0]).max())
-    spare = np.empty(lib.sj_arrow_spare(count, band, rows))
-    told = np.zeros(4)
-    problem = ffi.new("sj_arrow *")
-    problem.unknowns, problem.rows, problem.band = count, rows, band
-    problem.most = steps
-    problem.at = ffi.from_buffer("int32_t[]", at)
-    for name, column in (
-        ("value", value), ("beside_low", below), ("beside_high", above), ("low", low), ("high",
-        high), ("weight", weight),
-        ("target", target), ("gradient", gradient), ("x", x), ("spare", spare), ("told", told),
-    ):  # fmt: skip
-        setattr(problem, name, doubles(column))
-    problem.begin, problem.near = 1.0, near
-    return told, lib.sj_arrow_solve(problem)

@@ -1,6 +1,6 @@
-"""A convex quadratic programme in the order of time, solved by ``_qp.c``.
+"""Convex quadratic programmes in the order of time, with a border: ``_arrow.c``.
 
-Never here: what its variables mean.
+Never here: what unknowns and rows mean.
 """
 
 from __future__ import annotations
@@ -12,87 +12,99 @@ from numpy.typing import NDArray
 
 from sjerk._binding import ffi, lib
 from sjerk.profile import FloatArray
+from sjerk.trajectory.segments import doubles
 
 _INT = NDArray[np.int32]
 
 
 @dataclass(frozen=True)
 class Optimum:
-    """``x`` (n,); whether it is ``solved``; ``outside``: most by which a row leaves its bounds.
+    """``x`` (n + border,); whether it is ``solved``, or ``lost`` to numbers that are none.
 
-    A row counts with its largest entry scaled to 1.
+    ``wrong``: most by which a slack is not a row's distance to its bound; ``outside``: most by
+    which a row is beyond a bound.
     """
 
     x: FloatArray
     solved: bool
-    iterations: int
+    lost: bool
+    steps: int
+    wrong: float
     outside: float
 
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """Sparse rows of m constraints: row r is ``value[start[r]:start[r+1]]`` at ``column`` of these.
+    """m rows a of an unknown x (n,): ``low <= a'x + below'w`` and ``a'x + above'w <= high``.
 
-    ``start`` (m + 1,), ``column`` (entries,), ascending within a row, ``value`` (entries,).
+    ``at``, ``value`` (m, up to 6): places that do not fall within a row, and coefficients; those of
+    0 are none. ``low``, ``high`` (m,), infinite for none; ``weight``, ``target`` (m,): of half the
+    squares (a'x - target)^2 in the objective; ``below``, ``above`` (m, border). A row with low =
+    high and nothing of w is met exactly.
     """
 
-    start: _INT
-    column: _INT
+    at: _INT
     value: FloatArray
+    below: FloatArray
+    above: FloatArray
+    low: FloatArray
+    high: FloatArray
+    weight: FloatArray
+    target: FloatArray
 
 
 def minimise(
-    hessian: FloatArray,
-    gradient: FloatArray,
     rows: Rows,
-    lower: FloatArray,
-    upper: FloatArray,
+    gradient: FloatArray,
     start: FloatArray,
     *,
-    most: int = 60,
-    warm: float = 0.0,
-    tolerance: float = 1e-9,
+    near: float = 1e-8,
+    steps: int = 80,
+    begin: float = 1.0,
 ) -> Optimum:
-    """Minimise 1/2 x'Hx + g'x subject to lower <= Ax <= upper; units in which these are about 1.
+    """Minimise gradient'x and the squares of the rows, from ``start``, in so many ``steps``.
 
-    ``hessian`` (n, band + 1): H(i, j) at ``[i, band + j - i]`` for i - band <= j <= i; no row of
-    ``rows`` spans more than ``band``. ``start`` (n,): a guess, ``warm``: how far from its bounds it
-    is taken to be at least. At ``most`` so many iterations.
+    ``gradient``, ``start`` (n + border,). In units in which bounds are about 1; the objective is
+    missed by at most ``near``. ``begin``: slacks times multipliers to begin with.
 
-    >>> one = Rows(np.array([0, 1], np.int32), np.array([0], np.int32), np.ones(1))
-    >>> x = minimise(np.ones((1, 1)), np.array([-2.0]), one, np.zeros(1), np.ones(1), np.zeros(1)).x
-    >>> round(float(x[0]), 6)
+    >>> one, no = np.ones(1), np.zeros((1, 0))
+    >>> row = Rows(np.zeros((1, 1), np.int32), np.ones((1, 1)), no, no, 0 * one, one, one, 2 * one)
+    >>> round(float(minimise(row, np.zeros(1), np.zeros(1)).x[0]), 6)
     1.0
     """
-    n, band = hessian.shape[0], hessian.shape[1] - 1
-    x = np.array(start, dtype=np.float64)
-    work = np.empty(lib.sj_qp_doubles(n, len(lower), band))
-    free = float(lib.SJ_QP_FREE)
-    columns = [
-        np.ascontiguousarray(column, dtype=np.float64)
-        for column in (
-            hessian,
-            gradient,
-            rows.value,
-            np.clip(lower, -free, free),
-            np.clip(upper, -free, free),
-        )
-    ]
-    problem, result = ffi.new("sj_qp *"), ffi.new("sj_qp_result *")
-    problem.variables, problem.rows, problem.band = n, len(lower), band
-    problem.hessian, problem.gradient, problem.value, problem.lower, problem.upper = (
-        ffi.from_buffer("double[]", column) for column in columns
+    m, border = rows.below.shape
+    there = rows.value != 0.0
+    first = np.zeros(m + 1, dtype=np.int32)
+    np.cumsum(there.sum(axis=1), out=first[1:])
+    at, x = rows.at[there], np.array(start, dtype=np.float64)
+    columns = {
+        "value": rows.value[there],
+        "beside": np.ascontiguousarray(np.stack([rows.below.T, rows.above.T], axis=1)),
+        "low": rows.low,
+        "high": rows.high,
+        "weight": rows.weight,
+        "target": rows.target,
+        "gradient": gradient,
+        "x": x,
+    }
+    n = len(x) - border
+    band = int((rows.at[:, -1] - rows.at[:, 0]).max(initial=0))
+    columns["spare"] = np.empty(lib.sj_arrow_spare(n, band, m))
+    problem, told = ffi.new("sj_arrow *"), ffi.new("sj_arrow_result *")
+    problem.unknowns, problem.rows, problem.bounded = n, m, m
+    problem.band, problem.border, problem.most = band, border, steps
+    problem.start = ffi.from_buffer("int32_t[]", first)
+    problem.at = ffi.from_buffer("int32_t[]", at)
+    kept = {name: doubles(column) for name, column in columns.items()}
+    for name, column in kept.items():
+        setattr(problem, name, column)
+    problem.begin, problem.room, problem.near = begin, 1.0, near
+    lib.sj_arrow_solve(problem, told)
+    return Optimum(
+        x,
+        told.status == lib.SJ_ARROW_OK,
+        told.status == lib.SJ_ARROW_LOST or not bool(np.isfinite(x).all()),
+        told.steps,
+        told.wrong,
+        told.outside,
     )
-    problem.start = ffi.from_buffer("int32_t[]", rows.start)
-    problem.column = ffi.from_buffer("int32_t[]", rows.column)
-    lib.sj_qp_solve(
-        problem,
-        ffi.from_buffer("double[]", x),
-        ffi.from_buffer("double[]", work),
-        most,
-        warm,
-        tolerance,
-        result,
-    )
-    solved = result.status == lib.SJ_QP_SOLVED
-    return Optimum(x, solved, result.iterations, result.outside)
