@@ -39,6 +39,9 @@ from sjerk.host.reader import RECORDS, layout
 from sjerk.planner import Synchronization, check_target, code_of, cycles_of, moving_of
 from sjerk.profile import FloatArray, Limits, State
 
+#: States of an axis whose drive is off and that has come to know it.
+_DISABLED = (lib.SJ_AXIS_DISABLED, lib.SJ_AXIS_ERROR_STOP)
+
 
 class Host(Observer):
     """The one host of a kernel: context manager, made by ``MotionKernel.host``.
@@ -183,7 +186,12 @@ class Host(Observer):
         chosen = self._enable(axes, 0)
         if self._link.clocked and timeout != 0.0:
             self._link.wait_until(
-                lambda frame: not any(frame.axis[i].enabled for i in chosen),
+                lambda frame: (
+                    not any(
+                        frame.axis[i].enabled or frame.axis[i].state not in _DISABLED
+                        for i in chosen
+                    )
+                ),
                 timeout,
                 "drives to rest",
             )
