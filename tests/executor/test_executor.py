@@ -14,7 +14,16 @@ from hypothesis import strategies as st
 
 from helpers.following_check import Array, toppra_plan
 from helpers.path_check import PANDA, Bench, T, along, curve, keeps
-from sjerk import Axis, InputError, MotionKernel, State, Trajectory, TrajectoryExecutor, plan
+from sjerk import (
+    Axis,
+    InputError,
+    Limits,
+    MotionKernel,
+    State,
+    Trajectory,
+    TrajectoryExecutor,
+    plan,
+)
 from sjerk.executor import GoalHandle, GoalStatus, ResultCode, Settings, Tolerance
 from sjerk.trajectory import ExecutionMode
 
@@ -474,3 +483,26 @@ def test_a_goal_that_a_plan_can_reach_in_its_time_is_reached_in_its_time(
         assert moving[-1] - moving[0] <= due + 3
         np.testing.assert_array_equal(positions[-1], ends)
     keeps(positions, PANDA)
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_a_goal_that_turns_on_its_position_limits_stays_inside(seed: int) -> None:
+    """Way-points on both limits, between others: met, and never passed between them."""
+    rng = np.random.default_rng(seed)
+    low, high = -1.0, 1.0
+    limits = [Limits(2.0, 8.0, 200.0, position=(low, high))] * 7
+    count = int(rng.integers(4, 8))
+    q = rng.uniform(-0.9, 0.9, (count, 7))
+    q[1:-1][rng.random((count - 2, 7)) < 0.4] = high
+    q[1:-1][rng.random((count - 2, 7)) < 0.2] = low
+    q[0] = 0.5
+    machine = Machine(q[0], limits)
+    time = np.cumsum(rng.uniform(0.3, 1.0, count))
+    goal = machine.executor.submit(Trajectory(NAMES, time - time[0], q))
+    positions = machine.finish(goal)
+    assert goal.status is GoalStatus.SUCCEEDED, goal.text
+    assert positions.min() >= low
+    assert positions.max() <= high
+    np.testing.assert_array_equal(positions[-1], q[-1])
+    for row in q[1:-1]:
+        assert np.abs(positions - row).max(axis=1).min() < 0.02

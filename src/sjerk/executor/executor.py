@@ -2,7 +2,7 @@
 
 ``TrajectoryExecutor`` accepts or refuses a trajectory with the codes of
 joint_trajectory_controller, plays it on a ``Host``, watches tolerances and reports how it goes.
-``docs/explanation/trajectories.md`` has a server around it. Never here: planning, shared memory,
+``docs/explanation/executor.md`` has a server around it. Never here: planning, shared memory,
 ROS.
 """
 

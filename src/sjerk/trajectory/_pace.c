@@ -4,7 +4,7 @@
  * samples bit for bit where s is whole. A change of speed is a plan for s. Candidates for it, hardest
  * first, are run ahead over their whole way, and the first, second and third differences of all axes'
  * positions held against the limits; only then one is taken over. A constant speed up to 1 needs no
- * check (docs/explanation/trajectories.md), so waiting is always allowed.
+ * check (docs/explanation/path_in_play.md), so waiting is always allowed.
  * The work of a cycle is bounded: SJ_PACE_CHECKS. Never here: drives, commands, memory of its own.
  */
 #include <float.h> /* DBL_EPSILON */

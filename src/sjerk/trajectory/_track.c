@@ -3,7 +3,7 @@
  * The path is what `_follow.c` makes: phases of constant jerk between way-points, with the sample of
  * the bilinear integrator on each way-point. Between whole cycles s the positions go on as
  * q(s) = P(s - 1/2) + 5/24 A(s - 1/2), which is the sample where s is whole (_segment.h).
- * docs/explanation/trajectories.md. Never here: when a place is passed, memory of its own, drives.
+ * docs/explanation/path_in_play.md. Never here: when a place is passed, memory of its own, drives.
  */
 #include <float.h> /* DBL_EPSILON */
 #include <math.h>  /* fabs, isfinite, sqrt */

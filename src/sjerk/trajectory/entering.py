@@ -79,7 +79,7 @@ class Entry:
         if knot.moving:
             made = self._in_motion(left, knot, ahead)
         else:
-            made = self._own_time(self._from_rest(left, knot, ahead), left, knot, ahead)
+            made = self._own_time(self._from_rest, left, knot, ahead)
         return Entered(_numbered(made.blocks, way.joint_names), made.points + first)
 
     def _from_rest(self, left: Trajectory, knot: Knot, ahead: float) -> Entered:
@@ -100,17 +100,26 @@ class Entry:
         ramp = join(knot, left.position[0], self.limits, T)
         return self._led(ramp, left, Knot.of(ramp))
 
-    def _own_time(self, made: Entered, left: Trajectory, knot: Knot, ahead: float) -> Entered:
-        """That motion, or the one in the trajectory's own time where that ends far sooner."""
+    def _own_time(self, quick: _From, left: Trajectory, knot: Knot, ahead: float) -> Entered:
+        """The quick motion, or the one in own time where that is far sooner, or the only one."""
         n, T = len(left), self.cycle_time
         there = bool((np.abs(left.position[0] - knot.position) <= _THERE).all())
         if self.tolerance or not 2 <= n <= _PLANNED or not (there or ahead >= 2.0 * T):
-            return made
-        blocks = list(made.blocks)
-        kept = Entered(iter(blocks), made.points)
+            return quick(left, knot, ahead)
         moments, position = left.time - left.time[0] + ahead, left.position
+        wrong: SjerkError | None = None
+        blocks: list[Followed] = []
+        kept = Entered(iter(()), left.time[:0].astype(np.int64))
+        try:
+            made = quick(left, knot, ahead)
+            blocks = list(made.blocks)
+            kept = Entered(iter(blocks), made.points)
+            if not self._stays(blocks):
+                wrong = PlanError("way-points: the motion between them leaves the position limits")
+        except SjerkError as error:
+            wrong = error
         lost = _cycles(blocks) * T - moments[-1]
-        if lost <= _LOST + _SHARE_LOST * (moments[-1] - ahead):
+        if wrong is None and lost <= _LOST + _SHARE_LOST * (moments[-1] - ahead):
             return kept
         velocity = None if left.velocity is None else left.velocity.copy()
         wait = int(ahead / T) if there else 0
@@ -134,8 +143,10 @@ class Entry:
                 )
             )
         except SjerkError:
+            if wrong is not None:
+                raise wrong from None
             return kept
-        if _cycles(own) + wait >= _cycles(blocks):
+        if wrong is None and _cycles(own) + wait >= _cycles(blocks):
             return kept
         points = np.concatenate([block.ahead for block in own]) - (0 if there else 1)
         points = np.append(np.clip(points[:-1], 0, n - 1), n - 1)  # those in one cycle are one
@@ -246,6 +257,7 @@ class Entry:
 
 
 _Way = Callable[[Trajectory], Entered]
+_From = Callable[[Trajectory, Knot, float], Entered]
 
 
 def _cycles(blocks: Sequence[Followed]) -> int:

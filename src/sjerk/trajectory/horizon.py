@@ -1,7 +1,7 @@
 """Control points of N joints on knots of a whole number of cycles: planned ahead, handed out.
 
 A uniform cubic B-spline with its limits as bounds on differences, ``_horizon.c``. Behind what is
-handed out there is always a plan that ends at rest. ``docs/explanation/trajectories.md`` has the
+handed out there is always a plan that ends at rest. ``docs/explanation/streams.md`` has the
 method. Never here: goals' times, clocks, shared memory.
 """
 

@@ -3,7 +3,7 @@
 Commanding each goal as it comes makes it interrupt the one before. ``GoalStream`` runs a delay
 behind its goals instead and plans through all that are known, anew with each knot, as control
 points of a spline that ends at rest. It hands out segments as ``follow`` does.
-``docs/explanation/trajectories.md`` has the method. A pure library: cycles are told, not read from
+``docs/explanation/streams.md`` has the method. A pure library: cycles are told, not read from
 a clock. Never here: shared memory, drives.
 """
 
