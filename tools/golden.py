@@ -20,9 +20,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sjerk import Axis, Limits, MotionKernel, Trajectory, follow, plan, plan_many, simulate
+from sjerk import Axis, Limits, MotionKernel, Trajectory, plan, plan_many, simulate
 from sjerk.host import Host
 from sjerk.ports.ethercat import Line, MainDevice
+from sjerk.trajectory.stretching import stretched
 
 RECORDED = Path(__file__).resolve().parent / "golden.json"
 T = 1e-3
@@ -75,11 +76,11 @@ def samples() -> Iterator[Any]:
 
 
 def followed() -> Iterator[Any]:
-    """Way-points of seven joints in their times, under limits that do not bind."""
+    """Way-points of seven joints in their times."""
     time = np.arange(41) / 20.0
     way = np.cumsum(uniform(30, -0.05, 0.05, 41, 7), axis=0)
-    limits = [Limits(20.0, 800.0, 1e5)] * 7
-    for block in follow(Trajectory([f"j{i}" for i in range(7)], time, way - way[0]), limits, T):
+    limits = [Limits(2.0, 8.0, 400.0)] * 7
+    for block in stretched(Trajectory([f"j{i}" for i in range(7)], time, way - way[0]), limits, T):
         yield block.cycles
         yield block.sample().position
 

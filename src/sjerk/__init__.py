@@ -24,6 +24,7 @@ from sjerk.profile import Limits, Profile, Samples, State, scurve
 from sjerk.trajectory.faults import TrajectoryError
 from sjerk.trajectory.following import follow
 from sjerk.trajectory.streaming import GoalStream
+from sjerk.trajectory.thinning import follow_within
 from sjerk.trajectory.trajectory import Trajectory, resample
 from sjerk.trajectory.untimed import follow_path, follow_stops
 
@@ -75,6 +76,7 @@ __all__ = [
     "follow",
     "follow_path",
     "follow_stops",
+    "follow_within",
     "plan",
     "plan_many",
     "plan_velocity",

@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from helpers.following_check import PANDA, T, recording, toppra_plan
-from sjerk import Axis, Host, Limits, MotionKernel, Path, Trajectory, follow
+from sjerk import Axis, Host, Limits, MotionKernel, Path
 from sjerk.host import PathState
 from sjerk.trajectory.segments import Followed
+from sjerk.trajectory.stretching import stretched
 
 Array = NDArray[np.float64]
 ENDED = (
@@ -23,9 +24,8 @@ ENDED = (
 
 
 def blocks_of(seed: int = 0, period: float = 0.1) -> list[Followed]:
-    """TOPP-RA's plan of the Panda's seven joints, followed 5 % slower."""
-    plan = toppra_plan(period, seed)
-    return list(follow(Trajectory(plan.joint_names, 1.05 * plan.time, plan.position), PANDA, T))
+    """TOPP-RA's plan of the Panda's seven joints, followed."""
+    return list(stretched(toppra_plan(period, seed), PANDA, T, use_velocities=False))
 
 
 class Bench:

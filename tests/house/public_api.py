@@ -44,6 +44,7 @@ from sjerk import (
     follow,
     follow_path,
     follow_stops,
+    follow_within,
     plan,
     plan_many,
     plan_velocity,
@@ -81,6 +82,7 @@ def trajectories() -> None:
     assert sum(int(block.cycles.sum()) for block in blocks) == 1000
     assert list(follow_path([[0.0], [0.3]], [LIMITS], T))
     assert [motion.cycles for motion in follow_stops([[0.0], [0.3]], [LIMITS], T)]
+    assert_type(follow_within(WAY, [LIMITS], T, tolerance=1e-3).largest, float)
     assert len(resample(WAY.position, 0.05)) >= 2
     stream = GoalStream([LIMITS], T, [0.0], period=0.1)
     stream.push([0.01])

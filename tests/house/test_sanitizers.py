@@ -36,7 +36,7 @@ CHOSEN = [
             "kernel/test_kernel.py",
             "base/test_interpolator.py",
             "trajectory/test_following.py",
-            "trajectory/test_interpolated.py",
+            "trajectory/test_stretching.py",
             "trajectory/test_horizon.py",
             "trajectory/test_quadratic.py",
             "executor/test_playing.py",

@@ -17,6 +17,7 @@ from sjerk import (
     follow,
     follow_path,
     follow_stops,
+    follow_within,
     plan,
 )
 from sjerk.trajectory.joining import brake, join
@@ -38,7 +39,9 @@ def stream(limits: Any) -> Any:
 #: Everything that takes limits by joint, and what it gives, comparable.
 TAKERS: dict[str, Callable[[Any], Any]] = {
     "follow": lambda limits: [b.jerk for b in follow(WAY, limits, 1e-3)],
-    "follow, tolerance": lambda limits: [b.jerk for b in follow(WAY, limits, 1e-3, tolerance=1e-3)],
+    "follow_within": lambda limits: [
+        b.jerk for b in follow_within(WAY, limits, 1e-3, tolerance=1e-3).blocks
+    ],
     "follow_path": lambda limits: [b.jerk for b in follow_path(POINTS, limits, 1e-3)],
     "follow_path, tolerance": lambda limits: [
         b.jerk for b in follow_path(POINTS, limits, 1e-3, tolerance=0.01)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -13,9 +12,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from helpers.following_check import Array, T, recording
-from sjerk import Limits, Trajectory, follow
+from sjerk import Limits, Trajectory
 from sjerk._binding import ffi, lib
 from sjerk.trajectory.segments import Followed
+from sjerk.trajectory.stretching import stretched
 
 RUNS, RESTS, STARVES, DONE, LOST = range(5)
 
@@ -104,11 +104,9 @@ def by_cubics(samples: Array, places: Array) -> Array:
     return found
 
 
-@lru_cache
-def random_plan(seed: int) -> tuple[list[Followed], list[Limits]]:
+def random_plan(rng: np.random.Generator) -> tuple[list[Followed], list[Limits]]:
     """Way-points over decades of distance and time, under limits over decades."""
-    rng = np.random.default_rng(seed)
-    joints, n = int(rng.integers(1, 4)), int(rng.integers(2, 30))
+    joints, n = int(rng.integers(1, 4)), int(rng.integers(2, 60))
     limits = [
         Limits(*(10.0 ** rng.uniform(low, high) for low, high in ((-1, 1), (0, 2), (1, 4))))
         for _ in range(joints)
@@ -117,7 +115,7 @@ def random_plan(seed: int) -> tuple[list[Followed], list[Limits]]:
     q = np.cumsum(rng.normal(size=(n, joints)) * scale, axis=0)
     time = np.cumsum(10.0 ** rng.uniform(-3.0, -0.5, n))
     way = Trajectory([f"j{k}" for k in range(joints)], time, q)
-    return list(follow(way, limits, T, quick=True)), limits
+    return list(stretched(way, limits, T)), limits
 
 
 @pytest.mark.parametrize("seed", range(int(os.environ.get("SJERK_PATHS", "40"))))
@@ -125,7 +123,7 @@ def random_plan(seed: int) -> tuple[list[Followed], list[Limits]]:
 def test_any_plan_any_feeding_any_speeds(seed: int, feeding: str) -> None:
     """Limits kept in every cycle, never backward, on the path to 1e-6 of it, exact at the end."""
     rng = np.random.default_rng(seed)
-    blocks, limits = random_plan(seed)
+    blocks, limits = random_plan(rng)
     samples, _ = recording(blocks)
     if len(samples) > 20_000:
         return  # some are very slow, which shows nothing new
@@ -162,7 +160,7 @@ def test_what_is_no_path_is_refused_before_it_moves() -> None:
     """Each check of a segment, by its status and axis; nothing of it is taken."""
     q = np.column_stack([np.linspace(0.0, 0.4, 9), np.linspace(0.0, -0.4, 9)])
     limits = [Limits(2.0, 20.0, 500.0, position=(-0.5, 0.5))] * 2
-    blocks = list(follow(Trajectory(["a", "b"], 0.2 * np.arange(9), q), limits, T))
+    blocks = list(stretched(Trajectory(["a", "b"], 0.2 * np.arange(9), q), limits, T))
 
     def status(change: Any, own: Sequence[Limits] = limits) -> tuple[int, int]:
         player = Player(blocks, own)

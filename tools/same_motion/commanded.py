@@ -20,6 +20,7 @@ from sjerk import (
     Trajectory,
     follow,
     follow_path,
+    follow_within,
 )
 from told import Told, run
 
@@ -204,8 +205,9 @@ def _blocks(draw: Random, own: list[Limits], start: list[float], T: float) -> li
     how = draw.choice(["times", "times", "within", "path", "corners"])
     block = draw.choice([4, 16, 64, 256])
     if how == "within":
-        near = draw.uniform(1e-4, 1e-2) * own[0].velocity
-        return list(follow(plan, own, T, tolerance=near, use_velocities=False, block=block))
+        return list(
+            follow_within(plan, own, T, tolerance=draw.uniform(1e-4, 1e-2) * own[0].velocity).blocks
+        )
     if how == "times":
         return list(follow(plan, own, T, block=block))
     tolerance = draw.uniform(1e-3, 5e-2) * own[0].velocity if how == "corners" else None

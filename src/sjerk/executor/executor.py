@@ -368,7 +368,7 @@ class TrajectoryExecutor:
         later = due.lead * self._host.cycle_time if isinstance(due, Place) else 0.0
         error: SjerkError | None = None
         try:
-            blocks = goal.plan.enter(knot, self._clock() + later)
+            blocks = goal.plan.enter(knot, self._clock() + later).blocks
             blocks = itertools.chain([next(blocks)], blocks)
         except SjerkError as fault:
             error = fault
@@ -437,11 +437,11 @@ class TrajectoryExecutor:
             np.array([getattr(axis, name) for axis in axes])
             for name in ("position", "actual_position", "velocity", "actual_velocity")
         ]
-        i = min(progress.point - self._sequencer.first, len(plan.points) - 1)
+        i = min(max(progress.point - self._sequencer.first, 0), len(plan.points) - 1)
         return GoalFeedback(
             goal.progress.trajectory.joint_names,
             plan.offset + self._sequencer.time(progress),
-            plan.points[max(i, 0)],
+            int(plan.points[i]),
             progress.speed,
             plan.told(rows[0]),
             plan.told(rows[1]),

@@ -99,7 +99,7 @@ class Settings:
     ``resampling_delta`` (axis units): way-points nearer to the next one kept are left out; 0: none
     are. ``speed``: 0 .. 2, as ``GoalHandle.speed``. ``use_velocities``: those of the trajectory, or
     ones chosen so that the jerk is constant. ``tolerance`` (axis units): way-points, dense ones
-    above all, are passed so near, as by ``follow``; 0: met. Tolerances by joint; ``goal_time``
+    above all, are passed so near (``follow_within``); 0: met. Tolerances by joint; ``goal_time``
     (s) that the joints may take to come within the goal's after the motion, 0: for ever, also where
     they cannot come so near; then only ``cancel`` or another goal ends it. ``stopped_velocity``
     that counts as rest. ``start_tolerance``: a first way-point at time 0 further away is refused;

@@ -5,7 +5,6 @@ Never here: playing, watching, codes of results.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -13,12 +12,13 @@ from numpy.typing import NDArray
 
 from sjerk.executor.goal import Settings
 from sjerk.executor.joints import Joints
+from sjerk.executor.sequencer import counted
 from sjerk.host import Feedback
 from sjerk.host.turns import Turns, nearest_turns
 from sjerk.profile import FloatArray
 from sjerk.trajectory import ExecutionMode, FaultKind, Trajectory, TrajectoryError, resample
-from sjerk.trajectory.entering import Entry
-from sjerk.trajectory.segments import Followed, Knot
+from sjerk.trajectory.entering import Entered, Entry
+from sjerk.trajectory.segments import IntArray, Knot
 
 
 @dataclass(eq=False)
@@ -27,8 +27,8 @@ class PlannedGoal:
 
     ``joint_axes``: axis numbers in the trajectory's order of joints. ``chosen`` (m,): which of its
     way-points; ``wrap`` (N,): of the axes. ``offset`` (s): of its time that was over at the begin;
-    ``points``: the way-point ahead in each segment of what was planned last, as far as it was;
-    ``stretch``: cycles more than asked for, of it; ``turns``: of the axes, in it.
+    ``points``: the way-point ahead in each segment of what was planned last; ``stretch``: cycles
+    more than asked for, of it; ``turns``: of the axes, in it.
     """
 
     trajectory: Trajectory
@@ -42,15 +42,15 @@ class PlannedGoal:
     single: bool
     offset: float = 0.0
     stretch: int = 0
-    points: list[int] = field(default_factory=list)
+    points: IntArray = field(default_factory=lambda: np.zeros(1, dtype=np.int64))
     turns: Turns = field(init=False)
 
     def __post_init__(self) -> None:
         self.turns = Turns(np.zeros(len(self.wrap)), self.wrap)
 
-    def enter(self, knot: Knot, begins: float) -> Iterator[Followed]:
+    def enter(self, knot: Knot, begins: float) -> Entered:
         """From a state, at a time of the clock."""
-        self.stretch, self.points = 0, []
+        self.stretch = 0
         self.offset = max(0.0, begins - self.stamp) if self.stamp else 0.0
         elapsed = begins - self.stamp if self.stamp else 0.0
         # the first way-point whose time is not over, also where another is gone to
@@ -60,17 +60,16 @@ class PlannedGoal:
         self.turns = Turns.nearest(begin, knot.position, self.wrap)
         way = _with(self.way_points, position=self.turns.onto(self.way_points.position))
         made = self.entry.enter(way, knot, way.time[-1] if self.single else elapsed)
-        return self._counted(made, self.points)
+        self.points = self.chosen[made.points]
+        made.blocks = counted(made.blocks, self._lose)
+        return made
 
     def told(self, position: FloatArray) -> FloatArray:
         """Where axes are, in the turn of the trajectory: (N,), in its order of joints."""
         return self.turns.of([self.axes.index(i) for i in self.joint_axes]).back(position)
 
-    def _counted(self, blocks: Iterator[Followed], points: list[int]) -> Iterator[Followed]:
-        for block in blocks:
-            self.stretch += int(block.stretch.sum())
-            points += self.chosen[block.ahead].tolist()
-            yield block
+    def _lose(self, cycles: int) -> None:
+        self.stretch += cycles
 
 
 def planned(

@@ -6,7 +6,7 @@ do where the kernel says no. Never here: planning, goals.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -189,3 +189,10 @@ class Sequencer:
 def positions(frame: Feedback, axes: Sequence[int]) -> Knot:
     """Rest at the commanded positions."""
     return Knot.rest(np.array([frame.axes[i].position for i in axes]))
+
+
+def counted(blocks: Iterator[Followed], add: Callable[[int], None]) -> Iterator[Followed]:
+    """Blocks as they are taken; their stretches are added up."""
+    for block in blocks:
+        add(int(block.stretch.sum()))
+        yield block

@@ -6,6 +6,7 @@ from sjerk.trajectory.following import follow
 from sjerk.trajectory.segments import Followed, Segment
 from sjerk.trajectory.stream_report import StreamReport
 from sjerk.trajectory.streaming import GoalStream
+from sjerk.trajectory.thinning import Thinned, follow_within
 from sjerk.trajectory.trajectory import ExecutionMode, Trajectory, resample
 from sjerk.trajectory.untimed import follow_path, follow_stops
 
@@ -18,12 +19,14 @@ __all__ = [
     "RecordedPathError",
     "Segment",
     "StreamReport",
+    "Thinned",
     "Trajectory",
     "TrajectoryError",
     "TrajectoryFault",
     "follow",
     "follow_path",
     "follow_stops",
+    "follow_within",
     "read_recording",
     "resample",
     "shipped_recording",

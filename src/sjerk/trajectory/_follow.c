@@ -6,29 +6,16 @@
  * at the end of a cycle of jerk j is q = P - V/2 + A/3 - j/8, so knot by knot the unknown is A
  * alone: the relations V = alpha + beta A, j = gamma + delta A are swept forward, A backward (a
  * tridiagonal elimination). A knot's influence falls by a factor of four per segment.
- * Of which limits may be passed: `share` tells. docs/explanation/trajectories.md. Never here:
+ * How long the segments take is decided in _stretch.c. docs/explanation/trajectories.md. Never here:
  * allocation, time, layouts of memory.
  */
-#include <math.h> /* floor, fmax, fabs */
+#include <math.h> /* floor, fmax */
 #include <stddef.h>
 #include <stdint.h>
 #include <string.h> /* memcpy of rows */
 #include "trajectory/_following.h"
+#include "_follow.h"       /* rows */
 #include "base/_segment.h" /* what a sample is */
-
-/* A row per knot: shared by its joints, then J numbers each. */
-enum { BETA, DELTA, F, M1, M2, M3, IDLE, SHARED };
-enum { ALPHA, GAMMA, E, VEL, ACC, J1, J2, J3, COLUMNS };
-
-static double *row_of(const sj_follow *s, int64_t i)
-{
-    return s->rows + i * (SHARED + COLUMNS * (int64_t)s->joints);
-}
-
-static double *column_of(const sj_follow *s, int64_t i, int32_t column)
-{
-    return row_of(s, i) + SHARED + (int64_t)column * s->joints;
-}
 
 int64_t sj_follow_row(int32_t joints) { return SHARED + COLUMNS * (int64_t)joints; }
 
@@ -78,13 +65,12 @@ static void sweep(const sj_follow *s, int64_t i)
     double h = (double)s->cycles[i], *row = row_of(s, i);
     const double *before = row_of(s, i - 1);
     double beta = before[BETA], delta = before[DELTA];
-    double c1 = h * beta + h * h / 3.0 - 1.0 / 3.0 + 0.125 * delta - 0.25 * h + 0.125 / h;
-    double c2 = h * h / 6.0 - 0.25 * h + 1.0 / 3.0 - 0.125 / h;
-    double over = -1.0 / c1, f = c2 * over, lever = beta + 0.5 * h;
+    double over, f, lever = beta + 0.5 * h;
     const double *alpha0 = column_of(s, i - 1, ALPHA), *gamma0 = column_of(s, i - 1, GAMMA);
     double *alpha = column_of(s, i, ALPHA), *gamma = column_of(s, i, GAMMA),
            *e = column_of(s, i, E);
     const double *q = s->position + i * s->joints, *q0 = q - s->joints;
+    follow_pivot(h, beta, delta, &over, &f);
     split(row, h, 0.0, 0.0, 0.0);
     row[F] = f;
     row[BETA] = lever * f + 0.5 * h;
@@ -149,12 +135,19 @@ static void back(const sj_follow *s, int64_t i)
 
 /* ---- given velocities ------------------------------------------------------------------------ */
 
-/* The velocity asked at knot i. */
+/* The velocity asked at knot i, in the present, maybe stretched, times. */
 static double velocity_at(const sj_follow *s, int64_t i, int32_t k)
 {
+    int64_t asked, taken;
     if (i == 0)
         return column_of(s, 0, VEL)[k]; /* only as a slope; the state counts */
-    return i == s->points - 1 ? 0.0 : s->velocity[i * s->joints + k];
+    if (i == s->points - 1)
+        return 0.0;
+    asked = s->least[i] + s->least[i + 1];
+    taken = s->cycles[i] + s->cycles[i + 1];
+    if (asked < 1)
+        return 0.0;
+    return s->velocity[i * s->joints + k] * ((double)asked / (double)taken);
 }
 
 /* Segment i in three phases from the known state to its velocity and a mean of the
@@ -213,67 +206,24 @@ static void pass(const sj_follow *s, int64_t i)
 
 /* ---- the whole window ------------------------------------------------------------------------ */
 
-static void solve(const sj_follow *s)
+void sj_follow_solve(const sj_follow *s, int64_t first, int64_t to, int64_t reach)
 {
-    int64_t n = s->points - 1;
+    int64_t n = s->points - 1, low = first > reach ? first - reach : 1;
     if (s->velocity || n == 1) {
-        for (int64_t i = 1; i <= n; i++)
+        for (int64_t i = first; i <= to; i++)
             pass(s, i);
         return;
     }
-    sweep_first(s);
-    for (int64_t i = 2; i < n; i++)
-        sweep(s, i);
-    sweep_last(s);
-    for (int64_t i = n - 1; i >= 1; i--)
-        back(s, i);
-}
-
-/* A nan where b is one. */
-static double larger(double a, double b) { return a > b ? a : b; }
-
-/* Largest use of the limits in segment i. */
-static double used(const sj_follow *s, int64_t i)
-{
-    const double *row = row_of(s, i);
-    double worst = 0.0;
-    for (int32_t k = 0; k < s->joints; k++) {
-        double vmax = s->limits[3 * k], amax = s->limits[3 * k + 1], jmax = s->limits[3 * k + 2];
-        double V = column_of(s, i - 1, VEL)[k], A = column_of(s, i - 1, ACC)[k];
-        double v = fabs(V), a = fabs(A), j = 0.0, u;
-        for (int p = 0; p < 3; p++) {
-            double m = row[M1 + p], J = column_of(s, i, J1 + p)[k], A1;
-            if (m == 0.0)
-                break;
-            A1 = A + m * J;
-            if (A * A1 < 0.0)
-                v = larger(v, fabs(V - A * A / (2.0 * J)));
-            V += 0.5 * m * (A + A1);
-            A = A1;
-            v = larger(v, fabs(V));
-            a = larger(a, fabs(A));
-            j = larger(j, fabs(J));
-        }
-        u = larger(v / vmax, larger(a / amax, j / jmax));
-        if (!isfinite(u))
-            return u;
-        worst = larger(worst, u);
+    for (int64_t i = first; i <= to && i < n; i++) {
+        if (i == 1)
+            sweep_first(s);
+        else
+            sweep(s, i);
     }
-    return worst;
-}
-
-void sj_follow_shares(const sj_follow *s, const double *velocity, const double *acceleration,
-                      const double *last_jerk, double *share)
-{
-    size_t bytes = (size_t)s->joints * sizeof(double);
-    memset(row_of(s, 0), 0, (size_t)sj_follow_row(s->joints) * sizeof(double));
-    memcpy(column_of(s, 0, VEL), velocity, bytes);
-    memcpy(column_of(s, 0, ACC), acceleration, bytes);
-    memcpy(column_of(s, 0, J3), last_jerk, bytes);
-    solve(s);
-    share[0] = 0.0;
-    for (int64_t i = 1; i < s->points; i++)
-        share[i] = used(s, i);
+    if (to == n)
+        sweep_last(s);
+    for (int64_t i = to == n ? n - 1 : to; i >= low; i--)
+        back(s, i);
 }
 
 /* ---- results --------------------------------------------------------------------------------- */
@@ -302,6 +252,16 @@ void sj_follow_read(const sj_follow *s, int64_t count, int64_t *length, double *
             for (int64_t k = 0; k < J; k++)
                 last_jerk[i * J + k] = 0.0;
     }
+}
+
+void sj_follow_begin(const sj_follow *s, const double *velocity, const double *acceleration,
+                     const double *last_jerk)
+{
+    size_t bytes = (size_t)s->joints * sizeof(double);
+    memset(row_of(s, 0), 0, (size_t)sj_follow_row(s->joints) * sizeof(double));
+    memcpy(column_of(s, 0, VEL), velocity, bytes);
+    memcpy(column_of(s, 0, ACC), acceleration, bytes);
+    memcpy(column_of(s, 0, J3), last_jerk, bytes);
 }
 
 /* The samples of one segment, cycles 1 .. N after its first knot; the last is the way-point itself.

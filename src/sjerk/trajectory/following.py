@@ -15,17 +15,16 @@ from numpy.typing import ArrayLike
 from sjerk.errors import InputError, PlanError, SjerkError, positive
 from sjerk.profile import CYCLES_MAX, FloatArray, Limits
 from sjerk.trajectory.faults import FaultKind, TrajectoryError, TrajectoryFault
-from sjerk.trajectory.interpolated import Interpolated
 from sjerk.trajectory.joining import brake
 from sjerk.trajectory.parameterization import gaps_between
 from sjerk.trajectory.segments import Followed, Knot, in_blocks
+from sjerk.trajectory.stretching import Interpolated, limits_per_cycle
 from sjerk.trajectory.timed import Timed
 from sjerk.trajectory.trajectory import Trajectory
 from sjerk.trajectory.window import (
     HAND_OUT,
     LOOKAHEAD,
     Window,
-    limits_per_cycle,
     ranges,
     stop_of,
     tolerances,
@@ -51,7 +50,6 @@ def follow(
     lookahead: float = LOOKAHEAD,
     block: int | None = None,
     begin: Knot | None = None,
-    quick: bool = False,
 ) -> Iterator[Followed]:
     """Follow a trajectory with its own times, from rest to rest; yield blocks of segments.
 
@@ -67,11 +65,9 @@ def follow(
     the way-points leave room. The motion ends a cycle after its time, settled. Limits of velocity,
     acceleration and jerk (the smaller one, where braking has its own) and positions are kept.
 
-    ``begin``: in motion instead, at the first way-point. ``quick``: planned in a fraction of the
-    time where limits bind, and some per cent longer: for motions that are due. ``source``: a
-    trajectory, or pieces of one that follow each other in time, consumed as needed: memory is that
-    of a window of twice ``lookahead`` stops (V/A + A/J of the slowest joint); ``block``: most
-    segments at a time.
+    ``begin``: in motion instead, at the first way-point. ``source``: a trajectory, or pieces of one
+    that follow each other in time, consumed as needed: memory is that of a window of twice
+    ``lookahead`` stops (V/A + A/J of the slowest joint); ``block``: most segments at a time.
     ``limits``: one per joint, in order or by name, or one for all. Raises TrajectoryError for
     way-points outside ``Limits.position``, for given velocities above their limit, for one at the
     start or the end that is not rest, and for pieces that do not fit; InputError; PlanError (from
@@ -88,7 +84,7 @@ def follow(
     T = positive("cycle_time", cycle_time)
     ahead = positive("lookahead", lookahead)
     pieces = iter((source,) if isinstance(source, Trajectory) else source)
-    found = _windows(pieces, limits, T, tolerance, use_velocities, ahead, begin, quick)
+    found = _windows(pieces, limits, T, tolerance, use_velocities, ahead, begin)
     return in_blocks(found, block)
 
 
@@ -210,13 +206,12 @@ def _windows(
     use_velocities: bool,
     lookahead: float,
     begin: Knot | None,
-    quick: bool,
 ) -> Iterator[Followed]:
     source = _Source(pieces, limits, T, use_velocities, begin)
     window, table = source.window, source.table
     box, stop = ranges(source.limits), stop_of(table)
     near = tolerances(tolerance, len(table))
-    planner = Timed(table, box, near, use_velocities=source.velocities, quick=quick)
+    planner = Timed(table, box, near, use_velocities=source.velocities)
     keep = max(HAND_OUT * stop, 64.0)
     more = 1.0  # the estimate is rough: by so much the windows are longer
     while True:

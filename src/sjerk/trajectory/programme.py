@@ -231,7 +231,7 @@ class Programme:
         low: FloatArray | float,
         high: FloatArray | float,
         *,
-        pace: tuple[FloatArray | float, FloatArray | float] = (0.0, 0.0),
+        pace: tuple[float, float] = (0.0, 0.0),
         excess: tuple[float, float] = (0.0, 0.0),
         weight: float = 0.0,
         target: FloatArray | float = 0.0,
@@ -312,30 +312,13 @@ class Programme:
             unit = task.scale / (task.limits[:, order - 1] * (1.0 - _ROOM) * pace**order)
             first = np.arange(len(stencil))
             weight = (1e-2 * _SMOOTH if self._paced else _SMOOTH) if order == 3 else 0.0
-            share = np.ones((2, *stencil.shape[:1], len(unit)))
-            if order == 3:
-                share[:, 0] = self._first_jerk()
             if self._paced:  # at the pace before: order pace - (order - 1)
-                below, above = share.reshape(2, -1) * (order / pace)
-                below_at, above_at = share * (order - 1.0)
+                least, slope = order - 1.0, order / pace
                 self._stencil(
-                    stencil, first, unit, below_at, -above_at, pace=(below, -above), weight=weight
+                    stencil, first, unit, least, -least, pace=(slope, -slope), weight=weight
                 )
             else:
-                self._stencil(stencil, first, unit, -share[0], share[1], weight=weight)
-
-    def _first_jerk(self) -> FloatArray:
-        """How much of the jerk limit each joint may use at once, down and up (2, J).
-
-        The first difference of known control points is in no row. Where it is above the limit the
-        acceleration must end before the velocity is: v + a^2 / 2 |j| <= V.
-        """
-        _, v, a = self._task.start
-        V, _, J = self._task.limits.T * (1.0 - _ROOM)
-        on = (v * a > 0.0) & (np.abs(v) + np.abs(a) * self._knots.lengths[0] / 2.0 > V)
-        least = np.minimum(a * a / (2.0 * np.maximum(V - np.abs(v), 1e-300)) / J, 1.0)
-        share = np.where(on, -least, 1.0)
-        return np.stack([np.where(a < 0.0, share, 1.0), np.where(a > 0.0, share, 1.0)])
+                self._stencil(stencil, first, unit, -1.0, 1.0, weight=weight)
 
     def _way_points(self) -> None:
         task, before = self._task, self._before

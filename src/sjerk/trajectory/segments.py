@@ -257,40 +257,6 @@ def rows(motion: Followed, first: int, last: int) -> Followed:
     )
 
 
-def packed(motion: Followed) -> Followed:
-    """The same motion in few segments: those with one way-point ahead in one, as its phases fit.
-
-    What reaches a kernel segment by segment is then known to it further on, and a splice that has
-    just taken over need not wait for more.
-    """
-    used = motion.lengths > 0
-    counts = used.sum(axis=1).tolist()
-    begins, filled = [0], counts[0]
-    for i in range(1, len(motion)):
-        if filled + counts[i] > PHASES or motion.ahead[i] != motion.ahead[i - 1]:
-            begins.append(i)
-            filled = 0
-        filled += counts[i]
-    if len(begins) == len(motion):
-        return motion
-    at = np.array(begins)
-    segment = np.repeat(np.searchsorted(at, np.arange(len(motion)), side="right") - 1, counts)
-    phase = np.arange(len(segment)) - np.searchsorted(segment, segment)
-    lengths: IntArray = np.zeros((len(at), PHASES), dtype=np.int64)
-    jerk = np.zeros((len(at), PHASES, motion.jerk.shape[2]))
-    lengths[segment, phase], jerk[segment, phase] = motion.lengths[used], motion.jerk[used]
-    states = np.append(at, len(motion))
-    return replace(
-        motion,
-        cycles=np.add.reduceat(motion.cycles, at),
-        stretch=np.add.reduceat(motion.stretch, at),
-        lengths=lengths,
-        jerk=jerk,
-        ahead=motion.ahead[at],
-        **{name: getattr(motion, name)[states] for name in _STATES},
-    )
-
-
 def in_blocks(blocks: Iterator[Followed], most: int | None) -> Iterator[Followed]:
     """The same motion with so many segments in a block at most; raises InputError."""
     if most is None:

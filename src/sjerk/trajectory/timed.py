@@ -32,14 +32,6 @@ from sjerk.trajectory.window import KEPT, Plan, Window, stop_of, units
 _FEWEST = 8
 #: Finer knots, and cycles more: what is tried where the own time nearly keeps the limits.
 _LADDER = ((2.0, 1), (4.0, 1), (4.0, 2), (8.0, 2), (4.0, 4), (4.0, 10))
-#: The same for a state in motion: at its limits it has room only where knots are as fine as the
-#: phases of a planner, which end in any cycle.
-_ENTERING = ((2.0, 0), (4.0, 0), (8.0, 0))
-#: A phase is one of whole cycles if it is off by no more, in cycles.
-_WHOLE = 1e-6
-#: A third difference of control points is off by 8 roundings of a position: so many of what jerks
-#: may be off by; some segments are half as long as they may be.
-_ROUNDING = 8.0 * 2.0**-53 / 6e-10
 #: Segments of a stop: with more of them a kernel that takes four per cycle slows until it knows the
 #: way to a stop.
 _KNOWN = 240.0
@@ -53,10 +45,6 @@ _NEARLY = 0.05
 _LITTLE = 0.005
 #: Unknowns times rounds of a search for the fastest, and its fewest rounds.
 _WORK, _LEAST_ROUNDS = 2e4, 3
-#: The same of one that is to be over soon.
-_SOON = 1e3
-#: Nearer to a limit a state is at it: more than the room that a programme leaves to limits.
-_AT = 3e-9
 #: A uniform stretch that is not looked for.
 _EVENLY = 3.0
 #: Slowed each by itself way-points are no start where they take more than this share of stopping.
@@ -80,15 +68,10 @@ class Timed:
         tolerance: FloatArray | None,
         *,
         use_velocities: bool,
-        quick: bool,
     ) -> None:
-        """``table`` (N, 3): limits per cycle; ``tolerance``: per joint, or None: by their ways.
-
-        ``quick``: one of the first motions found, without a long search for a faster one.
-        """
+        """``table`` (N, 3): limits per cycle; ``tolerance``: per joint, or None: by their ways."""
         self._table, self._box, self._tolerance = table, box, tolerance
-        self._use_velocities, self._quick = use_velocities, quick
-        self._exact_to = 0.0  # knots as short leave jerks no digits
+        self._use_velocities = use_velocities
         self._kept = False  # a motion within the tolerance that was given is known
         self._stop = stop_of(table)
         soft = float((table[:, 1] / table[:, 2]).min())
@@ -103,8 +86,6 @@ class Timed:
         else:
             length = max(int(np.ceil(asked[-1] + 1.5 * self._stop)), _FEWEST)
         self._order = list(range(len(task.unit)))
-        way = np.abs(window.points - window.state.position).max(axis=0, initial=0.0)
-        self._exact_to = float(np.cbrt(_ROUNDING * way / self._table[:, 2]).max())
         knots, answer = self._own_time(task, asked, window.left, length, 1.0) or self._best(
             task, asked, window, length
         )
@@ -128,29 +109,16 @@ class Timed:
             end, points, moments = points[-1], points[:-1], moments[:-1]
             speed = None if speed is None else speed[:-1]
         box = None if self._box is None else self._box - origin[:, None]
-        # a state that leads to its velocity limit leaves no room below that
-        _, v, a = window.start
-        table = self._table.copy()
-        V, _, J = self._table.T
-        leads = np.abs(v) + np.maximum(a * np.sign(v), 0.0) ** 2 / (2.0 * J)
-        table[:, 0] = np.where(leads > V * (1.0 - _AT), V * (1.0 + 0.9 * _AT), V)
-        return Task(table, unit, points, window.start, end, box, least, speed), moments
+        return Task(self._table, unit, points, window.start, end, box, least, speed), moments
 
     def _knots(self, left: IntArray, length: int, finer: float) -> Knots:
         most = max(min(self._spacing, length / 40.0), 2.0)
         lengths = going_on(left, length, min(most, length / _FEWEST))
         if finer > 1.0:
-            least = max(1.0, min(self._stop, length) / _KNOWN, self._exact_to)
-            lengths = split(lengths, max(most / finer, least))
+            lengths = split(lengths, max(most / finer, 2.0, self._stop / _KNOWN))
         if len(lengths) < _FEWEST:  # what was left is coarse
             lengths = split(lengths, length / (2.0 * _FEWEST))
         return Knots(lengths)
-
-    def _phases(self, task: Task, length: int) -> IntArray:
-        """Lengths of knots that end where the acceleration of a joint can be gone."""
-        ends = np.ceil(np.abs(task.start[2]) / self._table[:, 2] - _WHOLE).astype(np.int64)
-        lengths: IntArray = np.diff(np.unique(ends[(ends > 0) & (ends < length)]), prepend=0)
-        return lengths
 
     def _own_time(
         self, task: Task, asked: FloatArray, left: IntArray, length: int, finer: float
@@ -170,20 +138,15 @@ class Timed:
         knots = self._knots(left, longer, 1.0)
         pace = evenly(task, knots, later, _EVENLY, self._order)
         apart = float(np.diff(asked, prepend=-0.5).min(initial=np.inf))
-        near = pace <= 1.0 + _NEARLY if pace else apart < _APART * float(knots.lengths.mean())
-        enters = bool(task.start[1:].any()) and not len(left)
-        ladder: tuple[tuple[float, int], ...] = _LADDER if near else ()
-        if enters:
-            ladder, left = _ENTERING + ladder, self._phases(task, length)
-        elif pace is None and not near:
+        if pace is None and apart >= _APART * float(knots.lengths.mean()):
             return None  # too fast, and not too close for these knots
-        for finer, late in ladder:
+        for finer, late in _LADDER if pace is None or pace <= 1.0 + _NEARLY else ():
             if finer <= 2.0 * float(knots.lengths.mean()):
                 exact = self._own_time(task, asked + late * half, left, length + late, finer)
                 if exact is not None:
                     return 0.0, *exact
-        fine = [] if self._quick and not enters else [self._knots(left, longer, _LADDER[-1][0])]
-        for own in (*fine, knots):
+        fine = self._knots(left, longer, _LADDER[-1][0])
+        for own in (fine, knots):
             pace = evenly(task, own, later, _EVENLY, self._order)
             least = longer if pace is None else int(np.ceil(pace * longer - 1e-6))
             for cycles in range(least, least + 3) if pace is not None else ():
@@ -198,7 +161,7 @@ class Timed:
     ) -> tuple[Knots, Answer]:
         """All slowed alike, if that costs little or is the soonest; else moments of their own."""
         even = self._nearly(task, asked, window.left, length)
-        if even is not None and even[0] <= (_NEARLY if self._quick else _LITTLE):
+        if even is not None and even[0] <= _LITTLE:
             return even[1:]
         self._kept = even is not None and self._tolerance is not None
         try:
@@ -222,7 +185,7 @@ class Timed:
         best: tuple[float, Knots, Answer] | None = None
         dense = len(asked) > len(self._knots(window.left, length, 1.0))
         gaps = np.diff(stops, prepend=0.0)
-        if window.state.moving and not len(window.begun):
+        if window.state.moving and not len(window.begun) and task.end is not None:
             best = self._entering(task, asked, window, way)
         elif self._passes(task, way, gaps, dense):
             best = self._smooth(task, asked, window, length, way)
@@ -279,8 +242,7 @@ class Timed:
             gaps = np.maximum(gaps_between(way, self._table), task.least)
             gaps[0] = max(self._reach(task, way, gaps, share), task.least[0])
             ends = np.cumsum(gaps)
-            length = int(np.ceil(ends[-1] + self._tail(task)))
-            start = self._start(task, ends[: len(asked)], window.left, length)
+            start = self._start(task, ends[: len(asked)], window.left, int(np.ceil(ends[-1])))
             if start.answer is not None:
                 found.append(start)
         for start in sorted(found, key=lambda x: x.length):
@@ -365,8 +327,7 @@ class Timed:
             return None
         few, keep = start.few, start.keep
         unknowns = len(start.knots) * len(start.task.unit)
-        work, least = (_SOON, 1) if self._quick else (_WORK, _LEAST_ROUNDS)
-        rounds = int(np.clip(work / unknowns, least, ROUNDS))
+        rounds = int(np.clip(_WORK / unknowns, _LEAST_ROUNDS, ROUNDS))
         found = fastest(start.task, start.knots, start.answer, keep, rounds)
         made = in_cycles(start.task, start.knots, found, keep)
         if made is None:

@@ -24,13 +24,13 @@ from sjerk.trajectory.parameterization import moments_of, stops_between
 from sjerk.trajectory.programme import Answer, Task
 from sjerk.trajectory.segments import Followed, IntArray, Knot, in_blocks
 from sjerk.trajectory.spline import Knots, among
+from sjerk.trajectory.stretching import limits_per_cycle
 from sjerk.trajectory.window import (
     HAND_OUT,
     KEPT,
     LOOKAHEAD,
     Plan,
     Window,
-    limits_per_cycle,
     ranges,
     stop_of,
     tolerances,

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sjerk.errors import InputError
-from sjerk.limits import jerk_limited
 from sjerk.profile import FloatArray, Limits
 from sjerk.trajectory.fastest import places
 from sjerk.trajectory.programme import Answer
@@ -54,23 +53,6 @@ def ranges(limits: Sequence[Limits]) -> FloatArray | None:
     """Position limits (N, 2); None where there are none."""
     box = np.array([limit.position or (-np.inf, np.inf) for limit in limits])
     return box if np.isfinite(box).any() else None
-
-
-def limits_per_cycle(limits: Sequence[Limits], T: float) -> FloatArray:
-    """Velocity, acceleration and jerk per cycle (N, 3), the smaller ones of driving and braking.
-
-    Raises ``InputError`` where a jerk is infinite.
-    """
-    return np.array(
-        [
-            (
-                limit.velocity * T,
-                min(limit.acceleration, limit.braking[0]) * T**2,
-                min(limit.jerk, limit.braking[1]) * T**3,
-            )
-            for limit in jerk_limited(limits)
-        ]
-    )
 
 
 def stop_of(table: FloatArray) -> float:
