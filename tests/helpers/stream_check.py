@@ -222,7 +222,12 @@ def judge(draw: Draw, found: Outcome) -> dict[str, float]:
     position = np.concatenate([b.sample().position for b in found.blocks])[-len(J) :]
     sums = P[1:] - V[1:] * (T / 2) + A[1:] * (T * T / 3) - J * (T**3 / 8)
     scale = np.abs(draw.goals).max(axis=0) + 1e-300
-    gap = float((np.abs(position - sums) / scale).max())
+    # a jerk per second^3 is rounded some times, and moves all that comes after it
+    count = np.array(cycles, dtype=np.float64)[:, None]
+    after = count.sum() - np.cumsum(count, axis=0)
+    moves = count * T**3 * (after**2 + after * count + count**2 / 3.0) / 2.0
+    rounding = 8.0 * 2.0**-53 * (np.abs(jerk) * moves).sum(axis=0)
+    gap = float(((np.abs(position - sums) - rounding) / scale).max())
     more = extra = 0
     for j in range(len(draw.limits)):
         v = V[:, j]
