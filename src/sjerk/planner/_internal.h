@@ -14,8 +14,8 @@ enum {
     SYNC_ROUNDS = SJ_SYNC_ROUNDS,
     NODES = 40
 };
-/* what a step of a root moves it by, relative, where what is left is its third power */
-static const double CLOSE = 1e-5;
+/* what the last step of a root moves it by, relative; where what is left is its third power */
+static const double SAME = 1e-13, CLOSE = 1e-5;
 static const double LONGEST = SJ_CYCLES_MAX;
 
 /* A planning task with its limits turned so that "up" is the direction in which the move

@@ -213,7 +213,7 @@ INLINE void step_peak(lanes *m)
         double next = z - e * slope / (slope * slope - 0.5 * e * bend);
         int inside = (next > lo) & (next < hi);
         next = pick(inside, next, 0.5 * (lo + hi));
-        int last = size(next - z) <= pick(inside, CLOSE, 1e-13) * z;
+        int last = size(next - z) <= pick(inside, CLOSE, SAME) * z;
         m->least_z[i] = lo;
         m->most_z[i] = hi;
         m->z[i] = pick(runs & !met, next, z);

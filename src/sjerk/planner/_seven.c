@@ -66,6 +66,28 @@ static peak_range peak_range_of(const task *t, const family *f)
                         sqrt(most(0, (t->vmax - base) * j)), second};
 }
 
+/* Keeps the root between low and high: e is what the way is too long by at z. */
+static void narrow(peak_range *k, double z, double e)
+{
+    if (e > 0)
+        k->high = z;
+    else
+        k->low = z;
+}
+
+/* z to the next one, or to the middle where that is outside; whether it has moved by so little, relative, that
+   it is the last (from the middle by SAME). */
+static int is_last(const peak_range *k, double *z, double next, double little)
+{
+    double before = *z;
+    if (!(next > k->low && next < k->high)) {
+        next = 0.5 * (k->low + k->high);
+        little = SAME;
+    }
+    *z = next;
+    return fabs(next - before) <= little * before;
+}
+
 /* Peak velocity at which the family covers h, on its far side: steps of Newton from the velocity limit on. */
 static double far_peak(const task *t, const family *f, double at_low)
 {
@@ -91,22 +113,13 @@ static double far_peak(const task *t, const family *f, double at_low)
             d2 = 1 / r;
         }
         double e = f->p0 + 0.5 * ((v + f->vs) * t1 + (v + t->v1) * t2) - t->h;
-        if (e > 0)
-            k.high = z;
-        else
-            k.low = z;
+        narrow(&k, z, e);
         if (fabs(e) <= scale)
             break;
         double slope = 0.5 * (t1 + t2) + 0.5 * (v + f->vs) * d1 + 0.5 * (v + t->v1) * d2;
         slope = slope * 2 * z / k.jerk;
-        double next = z - e / slope;
-        if (!(next > k.low && next < k.high))
-            next = 0.5 * (k.low + k.high);
-        if (fabs(next - z) <= 1e-13 * z) {
-            z = next;
+        if (is_last(&k, &z, z - e / slope, SAME))
             break;
-        }
-        z = next;
     }
     return k.base + z * z / k.jerk;
 }
@@ -150,24 +163,14 @@ static double family_peak(const task *t, const family *f, double at_low)
         double c1 = flat1 ? 0 : -0.5 * t->ju * d1 * d1 * d1;
         double c2 = flat2 ? 0 : -0.5 * t->jd * d2 * d2 * d2;
         double s1 = v + f->vs, s2 = v + t->v1, e = f->p0 + 0.5 * (s1 * t1 + s2 * t2) - t->h;
-        if (e > 0)
-            k.high = z;
-        else
-            k.low = z;
+        narrow(&k, z, e);
         if (fabs(e) <= scale)
             break;
         double by_v = 0.5 * (t1 + t2 + s1 * d1 + s2 * d2);
         double by_v2 = d1 + d2 + 0.5 * (s1 * c1 + s2 * c2);
         double dv = 2 * z * per_j, slope = by_v * dv, bend = by_v2 * dv * dv + by_v * 2 * per_j;
-        double next = z - e * slope / (slope * slope - 0.5 * e * bend);
-        int inside = next > k.low && next < k.high;
-        if (!inside)
-            next = 0.5 * (k.low + k.high);
-        if (fabs(next - z) <= (inside ? CLOSE : 1e-13) * z) {
-            z = next;
+        if (is_last(&k, &z, z - e * slope / (slope * slope - 0.5 * e * bend), CLOSE))
             break;
-        }
-        z = next;
     }
     return k.base + z * z * per_j;
 }
