@@ -25,9 +25,10 @@ enum { B = SJ_BORDER, SIDES = 2 * LANES };
 /* Share of the way to the nearest bound that a step takes. */
 static const double BOUNDARY = 0.995;
 
-/* A row missed by less is met, besides the rounding of its coefficients, which may be 10^8. A step shorter than
- * SHORT is followed by one to the middle; after two that are none there is no way on. A product s z stays above this share of their mean: slacks smaller than
- * the rounding of their rows would hold up all steps. */
+/* A row missed by less is met, besides the rounding of its coefficients, which may be 10^8. A step
+ * shorter than SHORT is followed by one to the middle; after two that are none there is no way on. A
+ * product s z stays above BEHIND of their mean: slacks smaller than the rounding of their rows would
+ * hold up all steps. */
 static const double MISSED = 4e-10, EPSILON = 1e-15, SHORT = 0.02, STUCK = 1e-6, BEHIND = 1e-3;
 
 static const double STIFF = 1e7;

@@ -76,84 +76,86 @@ class Entry:
         first = min(int(np.searchsorted(way.time, due)), len(way) - 1)
         left = way.take(np.arange(first, len(way)))
         ahead = float(left.time[0]) - elapsed
-        if knot.moving:
-            made = self._in_motion(left, knot, ahead)
-        else:
-            made = self._own_time(self._from_rest, left, knot, ahead)
+        made = (self._in_motion if knot.moving else self._from_rest)(left, knot, ahead)
         return Entered(_numbered(made.blocks, way.joint_names), made.points + first)
 
     def _from_rest(self, left: Trajectory, knot: Knot, ahead: float) -> Entered:
+        """Wait at the first way-point, or go there first where it is due; then on."""
         T = self.cycle_time
-        if (np.abs(left.position[0] - knot.position) <= _THERE).all():
-            wait = dwell(knot.position, int(ahead / T), T) if ahead >= T else None
-            if len(left) == 1 or left.time[1] - left.time[0] < 2.0 * T:
-                return self._led(wait, left, knot)
-            there = replace(knot, position=left.position[0])
-            onward = left.take(np.arange(1, len(left)))
-            made = self._in_motion(onward, there, float(left.time[1] - left.time[0]))
-            if wait is None:
-                return Entered(made.blocks, made.points + 1)
-            blocks = itertools.chain([wait], made.blocks)
-            return Entered(blocks, np.concatenate([np.zeros(len(wait), int), made.points + 1]))
-        if ahead >= 2.0 * T:
-            return self._in_motion(left, knot, ahead)
-        ramp = join(knot, left.position[0], self.limits, T)
-        return self._led(ramp, left, Knot.of(ramp))
-
-    def _own_time(self, quick: _From, left: Trajectory, knot: Knot, ahead: float) -> Entered:
-        """The quick motion, or the one in own time where that is far sooner, or the only one."""
-        n, T = len(left), self.cycle_time
         there = bool((np.abs(left.position[0] - knot.position) <= _THERE).all())
-        if self.tolerance or not 2 <= n <= _PLANNED or not (there or ahead >= 2.0 * T):
-            return quick(left, knot, ahead)
-        moments, position = left.time - left.time[0] + ahead, left.position
+        lead: list[Followed] = []
+        if there and (ahead >= T or len(left) == 1):
+            lead = [dwell(knot.position, max(int(ahead / T), 1), T)]
+        elif not there and ahead < 2.0 * T:
+            lead, there = [join(knot, left.position[0], self.limits, T)], True
+        start = Knot.of(lead[0]) if lead else knot
+        points = np.zeros(len(lead[0]) if lead else 0, dtype=np.int64)
+        if there and len(left) == 1:
+            return Entered(iter(lead), points)
+        made = self._onward(left, start, None if there else ahead)
+        return Entered(itertools.chain(lead, made.blocks), np.concatenate([points, made.points]))
+
+    def _onward(self, left: Trajectory, start: Knot, ahead: float | None) -> Entered:
+        """The quick motion; the one in own time where that is far sooner, or is the only one.
+
+        ``ahead`` (s): until the first way-point; None: the start is there.
+        """
+        if len(left) > _PLANNED:
+            return self._quick(left, start, ahead)
         wrong: SjerkError | None = None
-        blocks: list[Followed] = []
-        kept = Entered(iter(()), left.time[:0].astype(np.int64))
         try:
-            made = quick(left, knot, ahead)
-            blocks = list(made.blocks)
-            kept = Entered(iter(blocks), made.points)
-            if not self._stays(blocks):
+            quick = _Known.of(self._quick(left, start, ahead))
+            if not self._stays(quick.blocks):
                 wrong = PlanError("way-points: the motion between them leaves the position limits")
         except SjerkError as error:
             wrong = error
-        lost = _cycles(blocks) * T - moments[-1]
-        if wrong is None and lost <= _LOST + _SHARE_LOST * (moments[-1] - ahead):
-            return kept
-        velocity = None if left.velocity is None else left.velocity.copy()
-        wait = int(ahead / T) if there else 0
-        if there:
-            moments, position = moments - ahead, np.vstack([knot.position, position[1:]])
-            if velocity is not None:
-                velocity[0] = 0.0
-        else:
-            moments, position = np.append(0.0, moments), np.vstack([knot.position, position])
-            if velocity is not None:
-                velocity = np.vstack([0.0 * knot.position, velocity])
-        near = units(limits_per_cycle(self.limits, T), np.ptp(position, axis=0), None)
+        asked = float(left.time[-1] - left.time[0]) + (ahead or 0.0)
+        if wrong is None:
+            lost = quick.cycles * self.cycle_time - asked
+            if lost <= _LOST + _SHARE_LOST * asked:
+                return quick.entered
         try:
-            own = list(
-                follow(
-                    Trajectory(left.joint_names, moments, position, velocity),
-                    self.limits,
-                    T,
-                    tolerance=near,
-                    use_velocities=self.use_velocities,
-                )
-            )
+            own = self._own_time(left, start, ahead)
         except SjerkError:
             if wrong is not None:
                 raise wrong from None
-            return kept
-        if wrong is None and _cycles(own) + wait >= _cycles(blocks):
-            return kept
-        points = np.concatenate([block.ahead for block in own]) - (0 if there else 1)
-        points = np.append(np.clip(points[:-1], 0, n - 1), n - 1)  # those in one cycle are one
-        if wait:
-            own = [dwell(knot.position, wait, T), *own]
-            points = np.concatenate([np.zeros(len(own[0]), dtype=np.int64), points])
-        return Entered(iter(own), points)
+            return quick.entered
+        return own.entered if wrong is not None or own.cycles < quick.cycles else quick.entered
+
+    def _quick(self, left: Trajectory, start: Knot, ahead: float | None) -> Entered:
+        """The first way-points as soon as they are passed by trial, the others by stretching."""
+        if ahead is not None:
+            return self._in_motion(left, start, ahead)
+        gap = float(left.time[1] - left.time[0])
+        if gap < 2.0 * self.cycle_time:
+            return self._led(None, left, start)
+        there = replace(start, position=left.position[0])
+        made = self._in_motion(left.take(np.arange(1, len(left))), there, gap)
+        return Entered(made.blocks, made.points + 1)
+
+    def _own_time(self, left: Trajectory, start: Knot, ahead: float | None) -> _Known:
+        """By ``follow``, from rest."""
+        before = int(ahead is not None)  # points of the motion before the first way-point
+        moments = left.time - left.time[0] + (ahead or 0.0)
+        moments = np.append(np.zeros(before), moments)
+        position = np.vstack([start.position, left.position[1 - before :]])
+        velocity = None
+        if left.velocity is not None:  # the start's counts
+            velocity = np.vstack([0.0 * start.position, left.velocity[1 - before :]])
+        table = limits_per_cycle(self.limits, self.cycle_time)
+        blocks = list(
+            follow(
+                Trajectory(left.joint_names, moments, position, velocity),
+                self.limits,
+                self.cycle_time,
+                tolerance=self.tolerance or units(table, np.ptp(position, axis=0), None),
+                use_velocities=self.use_velocities,
+            )
+        )
+        points = np.concatenate([block.ahead for block in blocks]) - before
+        last = len(left) - 1
+        # those in one cycle are one
+        return _Known(blocks, np.append(np.clip(points[:-1], 0, last), last))
 
     def _in_motion(self, left: Trajectory, knot: Knot, ahead: float) -> Entered:
         """The way on which the next way-points are passed soonest; by trial on those only."""
@@ -256,8 +258,27 @@ class Entry:
         return Entered(blocks, np.arange(1, len(body)) + shift)
 
 
+@dataclass(eq=False)
+class _Known:
+    """A motion all of which is planned: its blocks, and the way-point ahead in each segment."""
+
+    blocks: list[Followed]
+    points: IntArray
+
+    @classmethod
+    def of(cls, entered: Entered) -> _Known:
+        return cls(list(entered.blocks), entered.points)
+
+    @property
+    def cycles(self) -> int:
+        return _cycles(self.blocks)
+
+    @property
+    def entered(self) -> Entered:
+        return Entered(iter(self.blocks), self.points)
+
+
 _Way = Callable[[Trajectory], Entered]
-_From = Callable[[Trajectory, Knot, float], Entered]
 
 
 def _cycles(blocks: Sequence[Followed]) -> int:
