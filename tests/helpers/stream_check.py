@@ -186,6 +186,28 @@ def turns(way: Array, least: float) -> int:
     return count
 
 
+def _rounding(found: Outcome, T: float) -> Array:
+    """By how much samples may be off the sums at the end (N,), where nothing but rounding is wrong.
+
+    Told per second, a state is rounded twice at the begin of each block and a jerk three times in
+    each segment; from there on all that comes after it is moved.
+    """
+    blocks = found.blocks
+    after = sum(int(block.cycles.sum()) for block in blocks)
+    total = np.zeros(blocks[0].jerk.shape[2])
+    for block in blocks:
+        left = after * T
+        total += 2.0 * (
+            np.abs(block.acceleration[0]) * left**2 / 2 + np.abs(block.velocity[0]) * left
+        )
+        for lengths, jerk in zip(block.lengths.tolist(), block.jerk, strict=True):
+            for cycles, row in zip(lengths, np.abs(jerk), strict=True):
+                after -= cycles
+                begin, end = (after + cycles) * T, after * T
+                total += 3.0 * row * (begin**3 - end**3) / 6
+    return np.asarray(total * 2.0**-53)
+
+
 def judge(draw: Draw, found: Outcome) -> dict[str, float]:
     """Faults, by the jerks handed out: integrated here, from rest at the first goal.
 
@@ -222,12 +244,7 @@ def judge(draw: Draw, found: Outcome) -> dict[str, float]:
     position = np.concatenate([b.sample().position for b in found.blocks])[-len(J) :]
     sums = P[1:] - V[1:] * (T / 2) + A[1:] * (T * T / 3) - J * (T**3 / 8)
     scale = np.abs(draw.goals).max(axis=0) + 1e-300
-    # a jerk per second^3 is rounded some times, and moves all that comes after it
-    count = np.array(cycles, dtype=np.float64)[:, None]
-    after = count.sum() - np.cumsum(count, axis=0)
-    moves = count * T**3 * (after**2 + after * count + count**2 / 3.0) / 2.0
-    rounding = 8.0 * 2.0**-53 * (np.abs(jerk) * moves).sum(axis=0)
-    gap = float(((np.abs(position - sums) - rounding) / scale).max())
+    gap = float(((np.abs(position - sums) - _rounding(found, T)) / scale).max())
     more = extra = 0
     for j in range(len(draw.limits)):
         v = V[:, j]
